@@ -3,8 +3,8 @@
 - ``main``: the table of all subcommands, and the options that they share.
 - ``verbs``: one file per subcommand; only the chosen subcommand is imported.
 - ``output``: the tables and lines that subcommands print.
-- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: messages, progress bars, statistics shown during a
-  run, help texts, and range checks of options.
+- ``console``: messages. ``progress``: progress bars. ``tally``: statistics shown during a run. ``help_text``: help
+  texts. ``border``: range checks of options.
 """
 
 import atexit
@@ -40,7 +40,7 @@ def _too_late(number: int, _frame: FrameType | None) -> None:
 
 
 def _ignore_too_late() -> None:
-    # Python removes its signal handlers before it unloads modules, but an ignored signal stays ignored.
+    # Python removes its signal handlers before it unloads modules, whereas an ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is _too_late:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -53,7 +53,8 @@ def main() -> None:
         sys.stdout.write(f"betterbench {__version__}\n")
         return
     try:
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # SIGINT is ignored in a background process
+        # SIGINT may be ignored if this process is a background job.
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _interrupt)
             atexit.register(_ignore_too_late)  # exit functions are called in reverse order of registration
         # imported here because tyro is slow to import and --version does not need it
@@ -64,7 +65,7 @@ def main() -> None:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         elif signal.getsignal(signal.SIGINT) is _interrupt:
             signal.signal(signal.SIGINT, _too_late)
-    except BaseException as error:  # Ctrl-C during imports; later, run() handles it
+    except BaseException as error:  # Ctrl-C during the imports; later, run() handles Ctrl-C
         if not isinstance(error, KeyboardInterrupt) and not was_interrupted():
             raise  # Python wraps a KeyboardInterrupt in __set_name__ in a RuntimeError
         sys.stderr.write("interrupted\n")

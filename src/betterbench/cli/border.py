@@ -1,4 +1,4 @@
-"""Checks of numeric options, reservation of standard output for a JSON document, and errors about other worlds."""
+"""Checks of numeric options, output of a JSON document alone on standard output, and errors about other worlds."""
 
 from __future__ import annotations
 
@@ -63,7 +63,10 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "variants": (1, 10_000),
     "workers": (1, 256),
 }
-"""Minimum and maximum of each numeric option, by option name. Ports are checked when they are bound."""
+"""Minimum and maximum of each numeric option, by option name.
+
+Ports are not listed, because they are checked when they are bound.
+"""
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
@@ -98,7 +101,7 @@ def _numbers(options: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
 
 
 def in_other_world(error: BetterError) -> BetterError:
-    """Return the error to show: the given one, or that a command does not serve the world of a task or suite."""
+    """Return the given error, or an error that says that a command does not support the world of a task or suite."""
     if not isinstance(error, UnknownNameError) or error.kind not in ("task", "suite"):
         return error
     from betterbench.tasks.worlds.facts import OURS, facts_of_suite, facts_of_task

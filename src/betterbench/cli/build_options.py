@@ -42,7 +42,7 @@ class BuildOptions:
 
     @property
     def settings(self) -> Settings:
-        """Settings that affect the results of the build. They do not include the number of worker processes."""
+        """Settings that affect the results of the build, without the number of worker processes."""
         from betterbench.generation.building.result import Settings
 
         return Settings(self.seeds, self.demonstrations)

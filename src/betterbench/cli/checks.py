@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: what was found and, if the check failed, how to fix the problem."""
+    """Result of one check: the finding and, if the check failed, a remedy."""
 
     name: str
     works: bool
@@ -65,7 +65,7 @@ def _worlds() -> list[Check]:
     """Return one result per external simulator ("world"). A missing simulator does not count as a failure."""
     try:
         from betterbench.sim.worlds import all_worlds
-    except BetterError as error:  # the registry imports MuJoCo, which rejects a wrong MUJOCO_GL
+    except BetterError as error:  # MuJoCo, which the registry imports, rejects a wrong MUJOCO_GL
         return [Check("worlds", False, "cannot be listed", str(error))]
     return [
         Check(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from betterbench.jobs import OnCount
 
 LONGEST_MESSAGE = 20_000
-"""Maximum length of a message or table cell [characters]. Only external text (files, servers) can be longer."""
+"""Maximum length of a message or table cell [characters]. Only text from files and servers can be longer."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """Pattern of a numeric cell. Numeric columns are right-aligned."""
@@ -75,7 +75,10 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""Replacements for characters that the terminal may not support; others become a question mark."""
+"""Replacements for characters that some terminals do not support.
+
+Other unsupported characters become a question mark.
+"""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:
@@ -91,7 +94,7 @@ def _replaced(problem: UnicodeError) -> tuple[str, int]:
 
 
 def make_streams_patient() -> None:
-    """Make standard output and standard error replace the characters that they cannot encode.
+    """Configure standard output and standard error to replace characters that they cannot encode.
 
     An ASCII terminal, for example, cannot encode a dash or a degree sign.
     """
@@ -103,14 +106,14 @@ def make_streams_patient() -> None:
 
 _STAND_IN = "betterbench-stand-in"
 
-_documents: list[TextIO] = []  # the reserved stream for the JSON document
+_documents: list[TextIO] = []  # the stream reserved for the JSON document
 
 
 @contextmanager
 def document_alone() -> Iterator[None]:
     """Reserve standard output for :func:`print_json`.
 
-    All other output, including that of policies, goes to standard error.
+    All other output, including the output of policies, goes to standard error.
     """
     out = sys.stdout
     out.flush()
@@ -194,13 +197,13 @@ def print_item(text: str, *, indent: int = 0) -> None:
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, wrapped at words on a terminal.
 
-    If ``whole`` is set, lines are not wrapped, so that a path in the message can be copied.
+    If ``whole`` is set, the message is not wrapped, so that a path in the message can be copied.
     """
     ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
 
 
 def complain(problem: str) -> None:
-    """Print an error message on standard error. It stays on one line even if a name in it contains line breaks."""
+    """Print an error message on one line of standard error, even if a name in the message contains line breaks."""
     from rich.text import Text
 
     ERR.print(

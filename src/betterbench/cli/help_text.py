@@ -23,7 +23,7 @@ WIDEST = 100
 """Maximum length of a line in a description [characters]."""
 
 INDENT = "  "
-"""Indentation of continuation lines; tyro joins lines that begin with a letter."""
+"""Indentation of continuation lines, because tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:
@@ -98,7 +98,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
         if value and tyro.conf.Positional in _marks(hint) and default is not inspect.Parameter.empty:
             value = f"[{value}]"
         return Annotated[hint, tyro.conf.arg(metavar=value, help_behavior_hint="" if said else None)]
-    hints = get_type_hints(bare, include_extras=True)  # each field is a separate option
+    hints = get_type_hints(bare, include_extras=True)  # each field of an option group is a separate option
     bare.__annotations__ = {field.name: _worded(field.name, hints[field.name], field.default) for field in fields(bare)}
     return hint
 

@@ -63,7 +63,7 @@ class Verb:
             works on the tasks of the suite.
         takes_run_file: Whether the options may be given in a run file.
         commands: Nested commands, each with its own options, such as "import" in ``better assets import``. If there are
-            nested commands, the function of the subcommand itself only provides the overview in the help.
+            nested commands, the function of the subcommand only provides the overview in the help.
     """
 
     function: str
@@ -89,7 +89,7 @@ class Verb:
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
 
     def words(self, given: Sequence[str]) -> list[str]:
-        """Return the command-line arguments, with ``--run-file FILE`` replaced by the options in that file."""
+        """Return the command-line arguments, with ``--run-file FILE`` replaced by the options in the file."""
         if not self.takes_run_file:
             return list(given)
         from betterbench.cli.run_file import with_run_file
@@ -212,12 +212,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BetterError as error:
         if telling.traceback:
             traceback.print_exc()
-        if was_interrupted():  # the interrupt also ended a child process
+        # Ctrl-C may have ended a child process, which causes this error.
+        if was_interrupted():
             return _interrupted(given)
         complain(str(in_other_world(error)))
         return EXIT_BAD_INPUT
     except OSError as problem:
-        # Any operating system error, such as a path that is missing, too long, not writable or a symbolic link loop.
+        # Any error of the operating system, for example for a path that is missing, too long or not writable.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
@@ -233,7 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _require_out(given: Sequence[str]) -> None:
-    """Raise InvalidInputError if --out has an empty value, which would otherwise mean the current folder."""
+    """Raise InvalidInputError if --out has an empty value. Without this check, it would mean the current folder."""
     if "--out=" in given or any(pair == ("--out", "") for pair in itertools.pairwise(given)):
         raise InvalidInputError(
             "--out",
@@ -292,7 +293,8 @@ def _show_overview(given: Sequence[str]) -> None:
     """Print the overview, an error for a missing subcommand, or a shell completion script, and exit."""
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
-    completion = any(word.startswith("--tyro-") for word in given)  # completion needs the options of every subcommand
+    # A completion script needs the options of every subcommand.
+    completion = any(word.startswith("--tyro-") for word in given)
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
@@ -395,7 +397,7 @@ def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
-    """Copy the options, type hints and help texts of a subcommand to its wrapper, which adds options of its own.
+    """Copy the options, type hints and help texts of a subcommand to its wrapper, which adds more options.
 
     Args:
         verb: Wrapper that has additional options.

@@ -33,7 +33,8 @@ class Outlook:
     steps: int = 0
     _left: int = 0
     _ended: set[TrialId] = field(default_factory=set)
-    _first: tuple[float, int] | None = None  # time [s] and step count of the first report
+    # Time [s] and step count of the first report.
+    _first: tuple[float, int] | None = None
     _now_s: float = 0.0
 
     def begin(self, done: set[TrialId]) -> None:
@@ -48,7 +49,7 @@ class Outlook:
             self._left -= self.limits.get(trial, 0)
 
     def see(self, steps: int, *, now_s: float | None = None) -> None:
-        """Record how many steps this session has executed so far, and the current time ``now_s`` [s]."""
+        """Record the number of steps that this session has executed so far, and the current time ``now_s`` [s]."""
         self.steps = steps
         self._now_s = time.monotonic() if now_s is None else now_s
         if self._first is None:

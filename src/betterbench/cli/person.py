@@ -18,7 +18,7 @@ def person_named(name: str | None, option: str) -> str:
     """
     try:
         who = getpass.getuser() if name is None else name
-    except (KeyError, OSError):  # this process's user id has no user name
+    except (KeyError, OSError):  # the user id of this process has no user name
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
         raise InvalidInputError(

@@ -17,12 +17,12 @@ from rich.text import Text
 
 LEAST_BAR, MOST_BAR = 8, 24
 NOTE_ROOM = 36
-"""Number of columns reserved for the note. The bar keeps its width when the note changes."""
+"""Number of columns reserved for the note, so that the bar keeps its width when the note changes."""
 
 LEAST_WHAT, LEAST_NOTE = 16, 16
 
 ECHO = 3
-"""Number of free columns at the end of the line, so that the ^C of an interrupt does not cause a line break."""
+"""Number of free columns at the end of the line, so that the ^C printed by the terminal does not cause a line break."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
 """Time until the first progress line without a terminal, and interval between later lines [s]."""
@@ -45,7 +45,7 @@ def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
         room: Number of columns that are not used by counts and times.
         what: Width of the work's name in columns.
         note: Width of the note in columns.
-        note_first: Whether the note has priority over bar and name; otherwise the note is shortened first.
+        note_first: Whether the note has priority over the bar and the name. If not, the note is shortened first.
     """
     if not note:
         bar = min(MOST_BAR, max(LEAST_BAR, room - what - 1))
@@ -146,7 +146,7 @@ class WorkProgress(Progress):
         self._next_line = time.monotonic() + FIRST_LINE_S
 
     def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - the arguments of rich
-        """Update the progress. The arguments are those of :meth:`rich.progress.Progress.update`."""
+        """Update the progress. The arguments are the same as for :meth:`rich.progress.Progress.update`."""
         super().update(task_id, **changes)
         if self._log is not None and time.monotonic() >= self._next_line:
             self._next_line = time.monotonic() + NEXT_LINE_S

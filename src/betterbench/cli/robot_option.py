@@ -13,7 +13,7 @@ import betterbench
 
 
 def _robot_folders() -> list[str]:
-    """Return the names of the robots. They are read from folder names, so that the help text does not import MuJoCo."""
+    """Return the names of the robots, read from folder names so that the help text does not import MuJoCo."""
     folder = Path(betterbench.__file__).parent / "sim" / "robots"
     return sorted(path.parent.name for path in folder.glob("*/__init__.py"))
 

@@ -1,4 +1,4 @@
-"""Run files: YAML files with options of ``better eval`` that can be kept with the results."""
+"""Run files, which are YAML files with options of ``better eval`` that can be stored with the results."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _words(path: Path, name: str, value: object) -> Iterator[str]:
             raise InvalidInputError(
                 f"{path}: {name}", f"{text!r} begins with a dash", "If this is a path, write it as ./NAME"
             )
-    if name in ("task_file", "asset_dir"):  # these options are repeated for each path
+    if name in ("task_file", "asset_dir"):  # repeat these options for each path
         yield from (word for text in values for word in (option, text))
     else:
         yield from (option, *values)

@@ -16,7 +16,7 @@ class RunTally:
     """Counts of the finished trials while a run is in progress.
 
     Attributes:
-        ambiguous: Planned trials for which no outcome is right or wrong. These trials are not judged.
+        ambiguous: Planned trials for which no outcome is correct or wrong. These trials are not judged.
         judged: Number of trials with a record and a right or wrong outcome.
         successes: Number of judged trials that succeeded.
         policy_errors: Number of trials that ended with an error of the policy.
@@ -95,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def service_text(service: PolicyService | None) -> str:
-    """Describe how long the policy takes to answer. Return an empty string if this is unknown."""
+    """Describe the response time of the policy. Return an empty string if it is unknown."""
     if service is None:
         return ""
     parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
@@ -115,11 +115,11 @@ def _milliseconds(seconds: float) -> str:
 
 
 def times_text(times: RunTimes, *, drawn_here: bool, chosen: bool) -> str:
-    """Describe how much time each part of a run took, name the bottleneck, and suggest a remedy.
+    """Describe the time spent in each part of a run, name the bottleneck, and suggest a remedy.
 
     Args:
         times: Time spent in each part of the run.
-        drawn_here: Whether the workers render the images. Otherwise, the simulator of an external world renders them.
+        drawn_here: Whether the workers render the images. If not, the simulator of an external world renders them.
         chosen: Whether a warm-up chose the number of environments.
     """
     envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"

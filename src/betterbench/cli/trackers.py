@@ -32,7 +32,7 @@ _LEAST_ROOM = 1 << 20
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
     """Return the metrics of a run and their confidence bounds, by name ("success_rate/fast_food/T1").
 
-    Labels ("labels/timeout") are counted over the trials of all variations; ambiguous trials are left out.
+    Labels ("labels/timeout") are counted over the trials of all variations, without ambiguous trials.
     """
     numbers: dict[str, float] = {}
     for metric in diagnosis.metrics:
@@ -58,7 +58,7 @@ def write_metrics(
         diagnosis: Diagnosis of the run.
         to: Experiment tracker.
         out: Folder for the files of the tracker; created if missing.
-        name: Name of the run in the tracker; the name of the policy if None.
+        name: Name of the run in the tracker. If it is None, the name of the policy is used.
         project: Project name in Weights & Biases.
         overwrite: Whether to replace a file with the same name that this function did not write.
 
@@ -88,13 +88,14 @@ def write_metrics(
 def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
     """Write the event file.
 
-    It replaces the file of an earlier export, because TensorBoard would otherwise show both files.
+    The file of an earlier export is replaced, because TensorBoard would show both files.
 
-    The events are written without the writer thread of ``SummaryWriter``: on a full disk, that thread dies, and the
-    next call waits for it forever.
+    The events are written without the writer thread of ``SummaryWriter``, because this thread dies if the disk is full,
+    and the next call would then wait forever.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # protobuf warns at import
+        # Suppress a warning of protobuf at import.
+        warnings.simplefilter("ignore", DeprecationWarning)
         from tensorboardX.event_file_writer import EventsWriter
         from tensorboardX.proto.event_pb2 import Event
         from tensorboardX.summary import scalar, text
@@ -134,17 +135,18 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
     ) as apart:
         offline = wandb.setup().settings.mode == "offline"
-        quiet = wandb.Settings(silent=True) if offline else None  # wandb's hint would print the temporary folder
+        # Suppress wandb's hint, because it names the temporary folder.
+        quiet = wandb.Settings(silent=True) if offline else None
         with wandb.init(
             project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
         ) as run:
             run.summary.update(numbers)
             run.log({"trials": wandb.Table(columns=columns, data=rows)})
-        wandb.teardown()  # wandb's process writes until this call
+        wandb.teardown()  # wandb's process may write files until this call
         _require_room(place, room)
         place.mkdir(exist_ok=True)
         for made in (Path(apart) / "wandb").iterdir():
-            if made.is_dir() and not made.is_symlink():  # wandb's link to the latest run is skipped
+            if made.is_dir() and not made.is_symlink():  # skip wandb's link to the latest run
                 made.replace(place / made.name)
                 if offline:
                     say(f"send it with: {shell_line(['wandb', 'sync', place / made.name])}", whole=True)

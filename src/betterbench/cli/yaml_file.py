@@ -55,7 +55,7 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
 
 
 def _require_once(path: Path, node: yaml.Node | None) -> None:
-    """Reject duplicate fields. PyYAML would silently keep only the last one."""
+    """Reject duplicate fields. PyYAML would silently keep only the last of them."""
     if node is None or isinstance(node.value, str):
         return
     fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []

@@ -7,7 +7,7 @@
   match a user's sentence.
 - ``asking``: scenarios written by a language model, with corrections and stored exchanges.
 - ``folder``: the scenario folder written by ``better generate``.
-- ``cast``: a scenario with a library object for each description.
+- ``cast``: scenarios with a library object chosen for each description.
 - ``patterns``: one file per template. Each file turns a cast into a task with training conditions and variations.
 - ``better_release``: import and audit of tasks in the format of the BeTTER release.
 """

@@ -15,8 +15,8 @@ class Cast:
     Attributes:
         scenario: Scenario with the descriptions of the objects.
         groups: Chosen objects by ``group_id``, in the order of the descriptions. An object's ``name`` is the
-            ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article,
-            and unique in the cast ("red mug" if there is also a blue mug, otherwise "mug").
+            ``instance_name`` of its description. Its ``kind`` is its noun phrase in instructions, without an article.
+            The kind is unique in the cast: "red mug" if the cast contains a blue mug too, or else "mug".
         look_alikes: Look-alikes of each item, by the item's name. They are distractors of other categories with the
             same color or shape, starting with the most similar one. The names and kinds of these distractors are unique
             too.

@@ -37,7 +37,7 @@ from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 LEAST_SCORE = 2
-"""Minimum sum of word weights at which a template is chosen."""
+"""Minimum sum of word weights that a template needs to be chosen."""
 
 
 def _weighted(*, decides: str = "", hints: str) -> dict[str, int]:
@@ -61,7 +61,7 @@ WEIGHTS: dict[str, dict[str, int]] = {
     "precision_insertion": _weighted(decides="rack hole", hints="insert jar spice salt pepper paprika"),
     "recursive_stacking": _weighted(hints="stack pile plate dish"),
 }
-"""Words (in the singular) that indicate each template, with weights. Every occurrence of a word counts."""
+"""Words (in the singular) that indicate each template, with weights. Repeated words are counted each time."""
 
 _SYNONYMS: dict[str, str] = {
     "apple": "apple",
@@ -169,8 +169,8 @@ def scenarios_about(sentence: str, count: int, *, seed: int = 0) -> Chosen:
 def _in_order_of(scenario: Scenario, wanted: Sequence[Wanted]) -> Scenario:
     """Reorder the groups of a scenario, so that they begin with the objects of a sentence in the order of the sentence.
 
-    The first training condition is then about the objects that are named first. A top bun is not moved forward, because
-    it must stay the last layer.
+    The first training condition then uses the objects that are named first. A top bun is not moved forward, because it
+    must stay the last layer.
     """
     groups = dict(scenario.groups)
     moved = [group.group_id for group in TEMPLATES[scenario.template].groups if group.role == "item"]
@@ -236,7 +236,7 @@ def choose_template(sentence: str) -> str:
 
 
 def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
-    """Return the objects named in a sentence, with the kinds of library objects that each noun may mean.
+    """Return the objects named in a sentence, with the kinds of library objects that each noun can refer to.
 
     Raises:
         InvalidInputError: If the library has no such object for the template, or has it only in other colors.
@@ -275,7 +275,7 @@ def _narrower(want: Wanted, tokens: list[str], at: int) -> Wanted:
 
 
 def _require_read(sentence: str, tokens: list[str], used: set[int], grammar: Grammar) -> None:
-    """Raise InvalidInputError for an unknown word, since it may state a requirement that the task does not meet."""
+    """Raise InvalidInputError for an unknown word, because it may state a requirement that the task does not meet."""
     template = grammar.template.name
     free = STOPS | READ_WORDS | PLACES | COLLECTIVES.keys() | _VERBS_OF[template] | _PLAIN_WORDS
     free |= RESULTS if template == "logical_assembly" else frozenset()
@@ -316,8 +316,8 @@ def _require_nouns(tokens: list[str]) -> None:
 def _named(tokens: list[str], at: int, length: int, meant: Mapping[Kind, str], plural: bool) -> list[Wanted]:
     """Return the objects that a noun in a sentence asks for.
 
-    A number word before the noun states how many objects are meant. Without a number word, a plural noun means two
-    objects, and a singular noun means one.
+    A number word before the noun states the number of objects. Without a number word, a plural noun means two objects,
+    and a singular noun means one.
     """
     noun, color = " ".join(tokens[at : at + length]), color_before(tokens, at)
     kinds = tuple(kind for kind in meant if not color or kind[1] == color)

@@ -44,7 +44,7 @@ _LONGEST_SLUG = 40
 _MAX_BYTES = 1 << 20
 
 Vocabulary = Literal["library", "open"]
-"""Objects that a model may use: only objects of the library, or any objects (open)."""
+"""Objects that a model may use: only library objects ("library"), or any objects ("open")."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class GenerateSettings:
 
     @property
     def sentence(self) -> str:
-        """The given sentence with a period at its end, or an empty string if the target is a template.
+        """Normalized sentence, ending with a period. Empty if the target is a template.
 
         Raises:
             UnknownNameError: If the target is a single word but not the name of a template.

@@ -47,7 +47,7 @@ home family child kid customer condiment bottle worker one rest workspace trash 
 shelf coffee tea clutter workstation service seasoning spout tray
 """
 PLACES = frozenset(_PLACES_WORDS.split())
-"""Heads of noun phrases that name a place, an occasion or objects in general."""
+"""Head nouns that name a place, an occasion or objects in general."""
 
 Found = tuple[str, str, str]
 
@@ -73,8 +73,8 @@ def instruction_problems(scenario: Scenario, template: Template) -> Iterator[Fou
 def _sentence_problems(text: str, read: str) -> Iterator[tuple[str, str]]:
     """Yield the problems with the form of an instruction, each with a remedy.
 
-    ``read`` is the sentence without the clauses about the direction of cutlery, since these do not count toward its
-    length.
+    ``read`` is the sentence without the clauses about the direction of cutlery, because these clauses do not count
+    toward the length of the sentence.
     """
     words = re.findall(r"[\w'-]+", read)
     if not text.endswith(".") or text.count(".") > 1:
@@ -98,7 +98,8 @@ def _chain_problems(scenario: Scenario, template: Template) -> Iterator[tuple[st
     if chained or _STEPS.search(text):
         word = min(chained) if chained else "first or next"
         yield f"chains steps with {word!r}", cure
-    placed = stated_goal(scenario).placed  # a list of items with their places states a goal and not steps
+    # A list of items with their places is allowed, because it states a goal and not steps.
+    placed = stated_goal(scenario).placed
     for group in template.groups:
         objects = scenario.groups.get(group.group_id, ())
         if all(o.instance_name in placed for o in objects):
@@ -129,7 +130,7 @@ def _head(described: DescribedObject) -> frozenset[str]:
 
 
 def noun_problems(scenario: Scenario, template: Template) -> Iterator[tuple[str, str]]:
-    """Yield a problem and a remedy for each noun in an instruction that names no object of the scenario."""
+    """Yield a problem and a remedy for each noun that names no object of the scenario."""
     objects = [words_of_object(o) for group in scenario.groups.values() for o in group]
     there = frozenset().union(*objects)
     free = PLACES | (RESULTS if template.relation == "layer" else frozenset())

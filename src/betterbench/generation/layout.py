@@ -12,7 +12,7 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot
 
 FREE_M = 0.002
-"""Minimum distance between two objects, whatever the jitter of their slots [m]."""
+"""Minimum distance between two objects at the largest jitter of their slots [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Table:
 
     Attributes:
         starts: Slots that objects are picked from. The slots of several layouts are listed one after the other.
-        stands: Slots for the target.
+        stands: Slots for the target, such as a container.
         besides: Slots for objects that are not moved.
     """
 
@@ -38,7 +38,7 @@ class Table:
 
 
 def crowding(condition: Condition, slots: Mapping[str, Slot]) -> str | None:
-    """Return a message if two objects of a condition may touch when their poses are jittered, or None.
+    """Return a message if two objects of a condition can touch when their poses are jittered, or None.
 
     Containers, fixtures and elongated objects are represented by the rectangle of their bounding box. Other objects are
     represented by circles around their origin. Objects that start at a target are ignored.
@@ -74,7 +74,7 @@ def _is_rectangle(spec: ObjectSpec) -> bool:
 def _center(spec: ObjectSpec, slot: Slot) -> tuple[float, float]:
     """Return the center of the shape that represents an object in a slot, in the world frame [m].
 
-    This is the center of the bounding box for a rectangle, and the origin of the object for a circle.
+    The center of a rectangle is the center of the bounding box. The center of a circle is the origin of the object.
     """
     if not _is_rectangle(spec):
         return slot.x, slot.y
@@ -87,7 +87,7 @@ def _half_sizes(spec: ObjectSpec, slot: Slot) -> tuple[tuple[float, float], floa
     """Return the half sides of the rectangle that represents an object in a slot, and a radius around it [m].
 
     A rectangle is large enough for any yaw jitter of the slot, and the returned radius is 0. For a circle, the returned
-    sides are 0 and the radius is that of the circle.
+    sides are 0, and the returned radius is the radius of the circle.
     """
     size = footprint(spec.category)
     if not _is_rectangle(spec):

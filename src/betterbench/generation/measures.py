@@ -27,13 +27,18 @@ ROBOT = robot(USUAL_ROBOT)
 WIDEST_GRASP_M = ROBOT.gripper_opening_m - 0.006
 """Maximum width of an object between the finger pads [m]: the gripper opening minus 3 mm on each side."""
 LOW_M = 0.009
-"""Minimum height of a grasp above the base of an object [m]. Measured: the expert finds collision-free grasps at 9.8 mm
-(rolls of tape), but at 5.5 mm (thin stacks of napkins) the fingers touch the table.
+"""Minimum height of a grasp above the base of an object [m].
+
+Measured: the expert finds collision-free grasps at 9.8 mm (rolls of tape), but at 5.5 mm (thin stacks of napkins) the
+fingers touch the table.
 """
 FINGER_M = (0.015, 0.010)
-"""Thickness of a finger at its tip, outward from the pad, and half its width, from Franka's public model [m]."""
+"""Thickness of a finger at its tip, measured outward from the pad, and half the width of the finger [m].
+
+Both are from Franka's public model.
+"""
 CLEAR_M = 0.004
-"""Clearance that the expert's planner keeps between the fingers and everything except the held object [m]."""
+"""Clearance that the expert's planner keeps between the fingers and all other geometry, except the held object [m]."""
 SEEN_M = 0.050
 """Minimum apparent size of an object that an instruction names [m]: 20 pixels in the front camera at the slots next to
 the robot.
@@ -44,7 +49,7 @@ pixels."""
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Measurements of an asset category over all its variants (looks), seen and held out.
+    """Measurements of an asset category over all its variants (looks), including held-out variants.
 
     Attributes:
         category: Name of the category.
@@ -85,7 +90,9 @@ class Footprint:
 
 
 def footprint(category: str) -> Footprint:
-    """Return the measurements of a category. They are the same for all colors, since color does not affect shape.
+    """Return the measurements of a category.
+
+    The measurements are the same for all colors, because color does not affect shape.
 
     Raises:
         UnknownNameError: If the category does not exist.

@@ -22,15 +22,16 @@ SCHEMA_VERSION = 1
 CURE = "Write the scenario as docs/generating.md describes"
 
 NAME_PATTERN = r"^[a-z][a-z0-9_]{0,40}$"
-"""Pattern of instance names. They are used as names in a scene."""
+"""Pattern of instance names, which are also the names of the objects in a scene."""
 
 LONGEST_NAME, LONGEST_INSTRUCTION, LONGEST_DESCRIPTION, LONGEST_QUERY, LONGEST_TAG = 60, 200, 120, 60, 30
 """Maximum length of each kind of text in a scenario [characters]."""
 MOST_GROUPS, MOST_OBJECTS, MOST_TAGS = 8, 12, 8
 """Maximum numbers of groups per scenario, objects per group, and tags per object."""
 LARGEST_M, HEAVIEST_KG = 2.0, 50.0
-"""Upper bounds of the size [m] and the mass [kg] in a scenario. The limits of the robot are checked in
-:mod:`~betterbench.generation.sense`.
+"""Upper bounds of the size [m] and the mass [kg] in a scenario.
+
+The limits of the robot are checked in :mod:`~betterbench.generation.sense`.
 """
 
 _PUNCTUATION = frozenset(" ,.'-()%:")
@@ -107,7 +108,7 @@ def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
 
 
 def answer_to_json(scenario: Scenario) -> dict[str, Any]:
-    """Return a scenario as a JSON-serializable dict, like the one in a model's answer.
+    """Return a scenario as a JSON-serializable dict in the format of a model's answer.
 
     It contains only the fields that the paper defines.
     """

@@ -1,9 +1,9 @@
 """Plausibility checks of a scenario for its template.
 
-Each problem is a sentence that begins with the path of the field. It can be sent back to the model that wrote the
+Each problem is a sentence that begins with the path of the field, and can be sent back to the model that wrote the
 scenario. The scenario has to meet these requirements:
 
-- the groups are those of the template, each has an allowed number of objects, and instance names are unique;
+- the groups are the groups of the template, each has an allowed number of objects, and instance names are unique;
 - each object belongs to an allowed type of its group, and the items of a group belong together;
 - sizes and masses are usual for the kind of object, items fit the gripper and the container, and the arm can lift them;
 - the instruction (:mod:`~betterbench.generation.instruction_sense`) is one imperative sentence about existing objects,
@@ -29,8 +29,10 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 LARGEST_ITEM_M = 0.25
 """Maximum size of an item [m]. The largest object that is moved in the suite is a serving plate of 20 cm."""
 SIZE_SLACK = 2.0
-"""Factor by which a size may deviate from the usual sizes of a kind of object. For example, a pill bottle is smaller
-than other bottles but has no row in the table of kinds, and a lunchbox with an open lid is longer than a closed one.
+"""Factor by which a size may deviate from the usual sizes of a kind of object.
+
+For example, a pill bottle is smaller than other bottles but has no row in the table of kinds, and a lunchbox with an
+open lid is longer than a closed one.
 """
 HEAVIEST_FIXTURE_KG = 20.0
 """Maximum mass of an object that is not lifted [kg]. The importer of meshes has the same limit."""
@@ -47,7 +49,7 @@ def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = 
 
 
 def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
-    """Raise InvalidInputError if the groups are not those of the template, or two objects have the same name.
+    """Raise InvalidInputError if the groups differ from the groups of the template, or two objects have the same name.
 
     Args:
         scenario: Scenario to check.

@@ -59,7 +59,7 @@ def is_plural_form(word: str) -> bool:
 
 
 NUMBERS = {"two": 2, "both": 2, "2": 2, "three": 3, "3": 3, "four": 4, "4": 4}
-"""Number words that may state the number of objects in a scene, with the number."""
+"""Value of each number word that may state the number of objects in a scene."""
 
 
 def number_before(raw: list[str], at: int) -> str:
@@ -75,7 +75,7 @@ def number_before(raw: list[str], at: int) -> str:
 def words_of_object(described: DescribedObject) -> frozenset[str]:
     """Return the words that may name an object.
 
-    They are taken from its query, its name, its tags, and the part of its description before the word "with".
+    The words are taken from the object's query, name and tags, and from its description before the word "with".
     """
     appearance = re.split(r"\bwith\b", described.description)[0]
     name = described.instance_name.replace("_", " ")

@@ -1,8 +1,8 @@
 """Vocabulary of tabletop objects by type, and detection of nouns in phrases.
 
-It is used to check scenarios that a model wrote: whether each object belongs to its group, and whether the instruction
-names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in a group if
-one of its tags names an allowed type.
+The vocabulary is used to check scenarios written by a model: whether each object belongs to its group, and whether the
+instruction names a missing object. The vocabulary is deliberately small. An object with an unknown noun is accepted in
+a group if one of its tags names an allowed type.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _phrases(text: str) -> frozenset[tuple[str, ...]]:
 def nouns_of(allowed: str) -> frozenset[tuple[str, ...]]:
     """Return the nouns that can refer to a type, as tuples of words.
 
-    They include the name of the type. For an unknown type, return only its name.
+    The nouns include the name of the type. For an unknown type, only this name is returned.
     """
     return _phrases(_TYPES.get(allowed, "")) | {tuple(terms(allowed))}
 
@@ -157,7 +157,7 @@ def collective(noun: str) -> frozenset[tuple[str, ...]]:
 def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
     """Return the known nouns in a list of words, with the index of the first word of each noun.
 
-    Longer nouns are preferred.
+    Where nouns overlap, the longer noun is returned.
     """
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
@@ -175,8 +175,8 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
 def head_nouns(text: str) -> tuple[tuple[str, ...], ...]:
     """Return the known nouns that name a described object.
 
-    This is the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with an apple on it".
-    After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
+    The object is named by the last noun before "with", "in", "of" and similar words, such as "mug" in "a red mug with
+    an apple on it". After a measure noun, the measured noun is included, such as "cheese" in "a slice of cheese".
     """
     words = terms(text)
     ends = next((i for i, word in enumerate(words) if word in _ENDS_THE_HEAD), len(words))
@@ -197,7 +197,8 @@ _ENDS_THE_HEAD = frozenset(_ENDS_THE_HEAD_WORDS.split())
 def belongs(text: str, tags: Iterable[str], allowed: Iterable[str]) -> bool:
     """Return whether a described object belongs to one of the allowed types.
 
-    This is decided by a known noun in its description. If there is none, one of its tags must name an allowed type.
+    The type is determined by a known noun in the description. If there is none, a tag of the object must name an
+    allowed type.
     """
     types = tuple(allowed)
     nouns = frozenset().union(*(nouns_of(name) for name in types))

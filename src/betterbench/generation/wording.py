@@ -8,9 +8,9 @@ from betterbench.tasks.condition import ObjectSpec
 
 
 def words_of(objects: Sequence[ObjectSpec]) -> dict[str, str]:
-    """For each kind of object, return a word that distinguishes it from the other kinds.
+    """Return a word for each kind of object that distinguishes it from the other kinds.
 
-    This is the noun, the first word, or the full name of the kind.
+    The word is the noun, the first word, or the full name of the kind.
     """
     kinds = tuple(dict.fromkeys(spec.kind for spec in objects))
     found = {}

@@ -13,7 +13,7 @@ from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.interval import Interval
 
 _WIDTH = 1e-9
-"""Minimum width of an interval that is shown."""
+"""Minimum width at which a confidence interval is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Rater:
     role: Role
 
     def __str__(self) -> str:
-        """Return the name of the rater. If the rater was an operator, the role follows the name."""
+        """Return the name of the rater, followed by the role if the rater was an operator."""
         return self.name if self.role == "judge" else f"{self.name} (operator)"
 
 
@@ -63,7 +63,7 @@ class PairAgreement:
     def interval(self) -> Interval | None:
         """Confidence interval of Cohen's kappa; None if kappa is not defined or its variance is 0.
 
-        The variance is 0 if the two raters never differ, or if one of them always entered the same outcome. The
+        The variance is 0 if the raters agree in all trials, or if one rater always entered the same outcome. The
         interval would then have zero width even with very few trials.
         """
         found = self.table.interval()
@@ -71,7 +71,7 @@ class PairAgreement:
 
     @property
     def sentence(self) -> str:
-        """Sentence that states in how many trials the outcomes are equal, and Cohen's kappa with its interval."""
+        """Sentence with the number of trials with equal outcomes, and with Cohen's kappa and its interval."""
         n = self.table.n
         text = f"{self.first} and {self.second} entered the same outcome in {n - len(self.disagreements)} of {n} trials"
         kappa, interval = self.table.kappa, self.interval
@@ -100,7 +100,7 @@ class PairAgreement:
 def agreements_of(trials: Iterable[RealTrial]) -> tuple[PairAgreement, ...]:
     """Return the agreement of every pair of raters who rated at least one trial in common.
 
-    Only the trials that both raters rated are compared. Pairs of judges come before pairs with the operator.
+    Only trials rated by both raters are compared. Pairs of judges come before pairs with the operator.
     """
     seen: dict[Rater, dict[str, str]] = {}
     order: list[str] = []

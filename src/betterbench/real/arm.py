@@ -77,7 +77,7 @@ class SafeArm:
             return reading
 
     def begin(self, reading: Reading) -> None:
-        """Start an episode at the measured state in a reading. Raise LimitError if the state is not finite."""
+        """Start an episode at the measured state of a reading. Raise LimitError if the state is not finite."""
         with self._lock:
             self.limiter.start(reading.state)
 

@@ -187,8 +187,9 @@ class Asker:
         if answered.error is not None:
             raise answered.error
         chunk = checked_chunk(np.asarray(answered.actions), self._space)
-        # With requests sent ahead, the first action belongs to the step of the observation, so the actions of the steps
-        # since then are skipped. Otherwise, the policy assumes that the arm waited, and no action is skipped.
+        # If requests are sent ahead, the first action belongs to the step of the observation, so the actions for steps
+        # that have already passed are skipped. If not, the policy assumes that the arm waited, and no action is
+        # skipped.
         passed = step - answered.step if self._execution.ahead else 0
         horizon = len(chunk) if self._execution.horizon is None else self._execution.horizon
         self._actions = deque(chunk[passed : passed + horizon])

@@ -34,7 +34,8 @@ class FilmThread:
         Raises:
             RobotError: If the camera changed its image size.
         """
-        height, width = (side - side % 2 for side in frame.image.shape[:2])  # the codec needs even sides
+        # The codec needs an even width and height.
+        height, width = (side - side % 2 for side in frame.image.shape[:2])
         if self._size is None:
             self._size = (width, height)
         if self._size != (width, height):

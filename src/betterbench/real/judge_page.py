@@ -1,7 +1,7 @@
-"""Web page for a judge: videos and instruction of a trial, and the possible outcomes with their keys and definitions.
+"""Web page for a judge, with the videos and the instruction of a trial, and the outcomes with keys and definitions.
 
-The page does not receive the condition, the policy or the entries of other people. It is a plain page (``judge.html``,
-``judge.js``, ``judge.css``) that is served by :class:`~betterbench.browser.plain.PlainServer`.
+The page does not receive the condition, the policy or the entries of other people. The page consists of ``judge.html``,
+``judge.js`` and ``judge.css``, and is served by :class:`~betterbench.browser.plain.PlainServer`.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class JudgeDesk:
 
         Raises:
             InvalidInputError: If no trial is finished, the person was an operator of the protocol, or the name is
-                nearly the same as that of an earlier judge.
+                nearly the same as an earlier judge's name.
             RecordError: If the plan, the journal or the entries are missing, damaged or changed. Trials whose header is
                 damaged are left out and logged.
         """
@@ -66,7 +66,7 @@ class JudgeDesk:
         self.folder, self.person = folder, person
         self.trials = _shuffled(run, person)
         self._mine = _entries_of(run, person)
-        self._made: list[str] = []  # trials with an entry from this session, for undo
+        self._made: list[str] = []  # trials with an entry made in this session, for undo
         self.message, self.is_problem = "", False
         self.index = next((k for k, trial in enumerate(self.trials) if trial.code not in self._mine), 0)
 
@@ -145,7 +145,8 @@ class JudgeDesk:
         self.index = next(k for k, trial in enumerate(self.trials) if trial.code == code)
         trial = self.at_hand
         enter(self.folder, code, trial.header.attempt, author=self.person, role="judge", outcome=None)
-        self._mine = _entries_of(read_run(self.folder), self.person)  # the undo may restore an earlier entry
+        # An undo may restore an earlier entry.
+        self._mine = _entries_of(read_run(self.folder), self.person)
         self._say(f"video {self.index + 1}: entry undone")
 
     def film(self, number: int, camera: str) -> bytes:
@@ -185,7 +186,7 @@ def _entries_of(run: RealRun, person: str) -> dict[str, str]:
 def _shuffled(run: RealRun, person: str) -> tuple[RealTrial, ...]:
     """Return the finished trials in a judge's order.
 
-    Trials that finish later do not change the order of earlier ones.
+    Trials that finish later do not change the order of earlier trials.
     """
     place = {code: k for k, code in enumerate(_order([t.code for t in run.plan.trials], run.plan.seed, person))}
     return tuple(sorted(run.trials, key=lambda trial: place[trial.code]))

@@ -1,9 +1,9 @@
 """Label of a trial on a real arm, from joint signals and the entries of judges who watched the video.
 
-The labels and the rules for rest and back-and-forth motion are those of the simulated diagnosis. Only the judges can
-tell which object was taken and which objects are in the basket. If neither the signals nor the judges determine a
-label, the label is None and the trial is unscored. If the joint states contradict an entry, the contradiction is
-reported, and the trial is unscored until the judges enter a new outcome.
+The labels and the rules for rest and back-and-forth motion are the same as in the simulated diagnosis. Only the judges
+can tell which object was taken and which objects are in the basket. If the signals and the judges together do not
+determine a label, the label is None and the trial is unscored. If the joint states contradict an entry, the
+contradiction is reported, and the trial is unscored until the judges enter a new outcome.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import EMPTY_SLOT_REACH, THRESHOLDS
 
 Basis = Literal["joints", "judges", "joints and judges", "record", "nothing"]
-"""Source from which a label was derived."""
+"""Source of a label."""
 
 UNSCORED = "unscored"
 """Text that replaces a missing label in tables and JSON."""
@@ -80,7 +80,7 @@ class RealLabel:
         text: Evidence in one or more sentences.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
-        basis: Source from which the label was derived.
+        basis: Source of the label.
         contradiction: Description of the judges' entry and of the joint states that contradict it; empty if there is no
             contradiction.
     """
@@ -123,7 +123,7 @@ class Setting:
     """Properties of a condition on which the labels of its trials depend.
 
     Attributes:
-        exposure: Comparison of the condition with the training conditions.
+        exposure: Comparison of the condition with the training conditions, which determines the expected behavior.
         due: Kinds of the objects to pack, in order.
         half_done: Whether the scene looks like the middle of a demonstration.
         rest_absent: Whether the scene looks half done, and an object named in the instruction of the training twin (the
@@ -153,11 +153,11 @@ class Setting:
         return self.exposure.test.expected
 
     def place_of(self, closing: Closing) -> Place:
-        """Return the object or empty training slot that is closest to where the jaw closed, if it is close enough.
+        """Return the object or empty training slot closest to the position where the jaw closed, if it is close enough.
 
         Objects are assumed to be at their initial positions, within the jitter of their slots. As in the simulated
-        diagnosis, an object that the instruction names is preferred to an empty slot, unless it is farther away by more
-        than ``doubt``.
+        diagnosis, an object that the instruction names is preferred to an empty slot, unless the object is farther away
+        by more than ``doubt``.
         """
         x, picked = self.exposure, {s for slots in self.exposure.trained.kind_slots.values() for s in slots}
         found: list[Place] = []
@@ -271,7 +271,10 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
 
 
 def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> RealLabel:
-    """Return the label of a trial in which the arm never moved. The joint states show this, so no judge is needed."""
+    """Return the label for a trial in which the arm never moved.
+
+    No judge is needed, because the joint states show this.
+    """
     basis: Basis = "joints" if judged.outcome is None else "joints and judges"
     still = f"The arm never moved in {signals.duration_s:.0f} s"
     if setting.expected is Expected.STAY_STILL:
@@ -284,10 +287,10 @@ def _never_moved(setting: Setting, signals: JointSignals, judged: Judged) -> Rea
 
 
 def _halt(setting: Setting, signals: JointSignals, basis: Basis, start_s: float, still: str) -> RealLabel:
-    """Return the label of an arm that stands still although steps are left to do.
+    """Return the label for a trial in which the arm stands still although steps are left to do.
 
     The label is phase conflict I if the scene looks like the middle of a demonstration and no grasp was attempted.
-    Otherwise, it is early halt.
+    In all other cases, it is early halt.
     """
     left = listed([f"the {kind}" for kind in setting.due])
     if setting.half_done and not signals.attempts:
@@ -530,7 +533,7 @@ def _openings(signals: JointSignals) -> str:
 
 
 def _grips(signals: JointSignals) -> str:
-    """Return a clause that states how many times the jaw closed on something."""
+    """Return a clause with the number of times that the jaw closed on something."""
     return f"the jaw closed on something {plural(len(signals.grasps), 'time')}"
 
 

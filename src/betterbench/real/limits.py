@@ -1,6 +1,6 @@
 """Safety limits on motor commands: joint range, speed, lead, load and workspace.
 
-The limits are applied in this order, so that no limit can violate an earlier one:
+The limits are applied in this order, so that no limit can violate an earlier limit:
 
 1. A command that is not finite is replaced by the last command.
 2. Each target is clipped to the range of its joint.
@@ -34,7 +34,7 @@ ROBOT = "so101"
 _ARM = slice(0, 5)
 _GRIPPER = 5
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Fractions of a step that are tried in turn if the step would leave the workspace."""
+"""Fractions to which a step is shortened, tried in turn, if the full step would leave the workspace."""
 
 
 class LimitError(BetterError):
@@ -44,12 +44,12 @@ class LimitError(BetterError):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Safety limits of an SO-101, in units that do not depend on the plan.
+    """Safety limits of an SO-101, in units that are independent of the unit in the plan.
 
     Attributes:
         speed_rad_s: Maximum speed of each arm joint [rad/s]. The simulated servos reach 3 rad/s.
         gripper_speed: Maximum speed of the gripper, in percent of its travel per second.
-        lead_s: How far a target may be ahead of the measured position, as the time that the joint takes for this
+        lead_s: Maximum distance of a target from the measured position, given as the time that the joint takes for this
             distance at maximum speed [s].
         load: Maximum load, as a fraction of the load that the motor can carry.
         load_s: Maximum time for which an arm joint may be overloaded [s].
@@ -57,7 +57,7 @@ class SafetyLimits:
         stall_s: Maximum time for which a joint may be stalled [s].
         box_low: Lower corner of the workspace of the tool center point, in the base frame [m]: x ahead, y left, z up
             from the table.
-        box_high: Upper corner of that workspace [m].
+        box_high: Upper corner of the workspace, in the base frame [m].
         watchdog_s: Time without an answer from the policy after which the arm holds its measured position [s].
     """
 
@@ -152,7 +152,8 @@ class Limiter:
         """Return the command to send for a requested target (6,), given the measured state (6,) and load (6,).
 
         Raises:
-            LimitError: If the measured state is not finite, or a joint is overloaded or does not follow for too long.
+            LimitError: If the measured state is not finite, or a joint is overloaded or lags behind its command for too
+                long.
         """
         if not self._is_started:
             raise InvalidInputError("limits", "start was not called", "Call start with the measured state")

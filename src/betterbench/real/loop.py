@@ -1,4 +1,4 @@
-"""Execution of one trial: the arm moves to the initial pose, follows the policy, is recorded, and is stopped.
+"""Execution of one trial: move the arm to the initial pose, run the policy, record the motion, and stop the arm.
 
 The loop never waits for the policy. If no action arrives, the arm first completes the last command and then, after the
 watchdog time, holds its measured position. The software switch is turned off at the end of every trial: the arm holds
@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 
 class TrialAbortedError(BetterError):
-    """Error for an aborted attempt, which is discarded and repeated. The message states why it was aborted."""
+    """Error for an aborted attempt at a trial. The attempt is discarded and repeated. The message states the reason."""
 
 
 @dataclass(slots=True)
@@ -183,7 +183,7 @@ class TrialRun:
             raise TrialAbortedError(self._controls.why)
 
     def start_position(self) -> np.ndarray:
-        """Return the initial motor positions of the trial (6,): those of the simulated twin, with the gripper open."""
+        """Return the initial motor positions (6,): the positions of the simulated twin, with the gripper open."""
         joints = start_joints_of(self._plan.task, self._planned.scene_seed, self._spec)
         return np.array(self._spec.positions_in(self._space, joints, self._spec.gripper_opening_m))
 
@@ -290,7 +290,7 @@ class TrialRun:
         for camera, thread in self._films.items():
             try:
                 made = thread.finish()
-            except InvalidInputError as problem:  # a trial without a film cannot be judged
+            except InvalidInputError as problem:  # a trial without a video cannot be judged
                 self._film_problem, ending = str(problem), None
                 continue
             if made is not None:

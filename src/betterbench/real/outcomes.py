@@ -89,7 +89,7 @@ OUTCOMES = (
         scored=False,
     ),
 )
-"""Outcomes in page order. If several apply, the person enters the first one."""
+"""Outcomes in page order. If several outcomes apply, the person enters the first of them."""
 
 
 def outcome_named(name: str) -> Outcome:

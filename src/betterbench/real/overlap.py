@@ -6,8 +6,8 @@ removed, and each channel is scaled, so that the result does not depend on the b
 highest similarity gives the position of the object, which is converted to centimeters on the table by the camera
 geometry.
 
-The correlation compares shapes and color contrasts. It cannot detect additional objects. The color of the tablecloth is
-compared next to the objects, by the ratio of green to blue.
+The correlation compares shapes and color contrasts. It cannot detect additional objects. The colors of the two
+tablecloths are compared by their ratio of green to blue next to the objects.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from betterbench.errors import InvalidInputError
 from betterbench.real.twin import TwinView
 
 FOUND = 0.6
-"""Minimum correlation at the best shift at which an object is considered found."""
+"""Minimum correlation at the best shift for an object to be considered found."""
 MOST_OFF_M = 0.015
-"""Maximum distance of an object from its planned position [m]. Slots have a jitter of 10 mm, and people align objects
-with the overlay by eye."""
+"""Maximum distance of an object from its planned position [m].
+
+Slots have a jitter of 10 mm, and people align objects with the overlay by eye.
+"""
 SEARCH_M = 0.07
-"""Distance from the planned position up to which an object is searched for, in each direction [m]."""
+"""Half width of the area around the planned position in which an object is searched for [m]."""
 BORDER_PX = 5
 """Width of the border around an object that is included in the comparison [pixels]."""
 COARSE_PX = 3
@@ -33,11 +35,12 @@ COARSE_PX = 3
 SAMPLES = 400
 """Maximum number of pixels that are compared per object."""
 CLOTH_RATIO = 0.45
-"""Maximum difference in log(green / blue) between the tablecloths of the live and the rendered image. The blue and the
-green cloth differ by 0.94, and a warm lamp (green 0.9, blue 0.75) changes the value by 0.18.
+"""Maximum difference in log(green / blue) between the tablecloths of the live and the rendered image.
+
+The blue and the green cloth differ by 0.94, and a warm lamp (green 0.9, blue 0.75) changes the value by 0.18.
 """
 LEAST_PX = 25
-"""Minimum visible area of an object that is compared [pixels]. Smaller objects are left out."""
+"""Minimum visible area for an object to be compared [pixels]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,8 @@ class ObjectAgreement:
         name: Name of the object.
         score: Correlation at the planned position, from 0 to 1.
         best: Correlation at the position where it is highest.
-        off_m: Offset of this position from the planned one, along x (away from the arm) and y (to the arm's left) [m].
+        off_m: Offset of the position with the highest correlation from the planned position, along x (away from the
+            arm) and y (to the arm's left) [m].
     """
 
     name: str
@@ -95,7 +99,8 @@ class Agreement:
     Attributes:
         objects: Compared objects, with the worst agreement first.
         left_out: Names of objects that are not visible enough for a comparison.
-        cloth: Color of the planned tablecloth if a different one is on the table; otherwise an empty string.
+        cloth: Color of the planned tablecloth if a different tablecloth is on the table; empty if it is the planned
+            one.
     """
 
     objects: tuple[ObjectAgreement, ...]
@@ -104,7 +109,7 @@ class Agreement:
 
     @property
     def score(self) -> float:
-        """Lowest score of the compared objects, from 0 to 1; 1 if no object was compared."""
+        """Lowest score among the compared objects, from 0 to 1; 1 if no object was compared."""
         return min((o.score for o in self.objects), default=1.0)
 
     @property
@@ -140,7 +145,7 @@ def measure_agreement(live: np.ndarray, twin: TwinView) -> Agreement:
 
 
 def _wrong_cloth(live: np.ndarray, twin: TwinView) -> str:
-    """Return the color of the twin's tablecloth if the live image shows a different tablecloth; otherwise "".
+    """Return the color of the twin's tablecloth if the live image shows a different tablecloth, or "".
 
     The colors are compared next to the objects.
     """
@@ -168,7 +173,7 @@ def _scaled(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _object(name: str, live: np.ndarray, twin: TwinView, mask: np.ndarray) -> ObjectAgreement:
-    """Return the agreement for one object. A coarse search for the image shift is followed by a fine one."""
+    """Return the agreement for one object. A coarse search for the image shift is followed by a fine search."""
     motion = twin.pixels_per_m[name]
     reach = np.ceil(np.abs(motion).sum(axis=1) * SEARCH_M).astype(int)
     rows, columns = np.nonzero(_grown(mask))

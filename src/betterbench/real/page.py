@@ -1,7 +1,7 @@
 """Web page for the operator, with the live camera image, the twin as an overlay, the setup steps, and all controls.
 
-The page does not show the policy or the condition. It is a plain page (``page.html``, ``page.js``, ``page.css``) that
-is served by :class:`~betterbench.browser.plain.PlainServer`.
+The page does not show the policy or the condition. The page consists of ``page.html``, ``page.js`` and ``page.css``,
+and is served by :class:`~betterbench.browser.plain.PlainServer`.
 """
 
 from __future__ import annotations

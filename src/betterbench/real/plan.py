@@ -1,9 +1,9 @@
 """Immutable plan of a protocol on a real arm: conditions and policies in randomized blocks.
 
 A block contains each condition once per policy. The conditions of a block are in random order. All policies run the
-same condition one after the other, so that the scene is set up only once. They take turns in running first. Drift in
-lighting or calibration then affects all policies equally. Each trial has a code ("K7Q") that reveals neither condition
-nor policy.
+same condition one after the other, so that the scene is set up only once. The policies take turns in running first.
+Drift in lighting or calibration then affects all policies equally. Each trial has a code ("K7Q") that reveals neither
+condition nor policy.
 
 The same arguments give the same plan file, byte for byte.
 """
@@ -36,10 +36,10 @@ PLAN_NAME = "plan.json"
 PLAN_VERSION = 1
 MAX_PLAN_BYTES = 4 << 20
 MOST_TRIALS = 2000
-"""Maximum number of trials in a plan. They take about two weeks of work at two minutes per trial."""
+"""Maximum number of trials in a plan. At two minutes per trial, this many trials take about two weeks of work."""
 
 CODE_LETTERS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Characters of trial codes, chosen so that no two of them look alike."""
+"""Characters used in trial codes. No two of them look alike."""
 
 Unit = Literal["degrees", "normalized"]
 """Unit of the five arm joints: degrees, or -100 to 100 over each joint's range. The gripper is 0 to 100 in both."""
@@ -93,7 +93,7 @@ class RealPlan:
         conditions: Names of the conditions, without repetition.
         policies: Policies, with different names.
         repeats: Number of trials per condition and policy, which is also the number of blocks.
-        seed: Seed of the order and the codes.
+        seed: Seed for the order and the codes of the trials.
         unit: Unit of joint positions in states and commands.
         rate_hz: Rate of actions [Hz].
         time_limit_s: Maximum duration of a trial [s].

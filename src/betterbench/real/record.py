@@ -65,7 +65,7 @@ _JOURNAL_CURE = "Restore the file from a copy"
 _MAX_HEADER_BYTES = 1 << 20
 
 Ending = Literal["time_limit", "operator", "policy_ended"]
-"""What ended a trial: the time limit, the operator, or the policy."""
+"""Reason why a trial ended: the time limit, the operator, or the policy."""
 
 
 # ------------------------------------------------------------------------------------------------------------ samples
@@ -150,7 +150,7 @@ class TrialHeader:
 
     Attributes:
         attempt: Number of the attempt, counted from 1.
-        robot: Name of the robot ("so101_follower", "mock").
+        robot: Name of the robot, such as "so101_follower" or "mock".
         begun: Time of the first control step.
         ending: What ended the trial; None if the attempt was aborted.
         steps: Number of control steps, and of rows in the samples.
@@ -159,8 +159,8 @@ class TrialHeader:
         limited_steps: Number of steps in which the safety limits changed the command.
         films: Metadata of the videos by camera.
         files: SHA-256 of each other file by name.
-        agreement: Measured agreement between the scene and its simulated twin at the start, 0 to 1; None if it was not
-            measured.
+        agreement: Measured agreement between the scene and its simulated twin at the start, from 0 to 1; None if it was
+            not measured.
         overridden: True if the operator started the trial although the scene did not match the twin.
     """
 
@@ -201,9 +201,9 @@ def read_header(folder: Path) -> TrialHeader:
 
 
 def write_attempt(folder: Path, header: TrialHeader, samples: Samples, films: Mapping[str, bytes]) -> TrialHeader:
-    """Write the files of an attempt, the header last.
+    """Write the files of an attempt, and the header after all other files.
 
-    Return the header with the digests of the files added.
+    Return the header, which now contains the digests of the files.
     """
     files = {SAMPLES_NAME: samples.to_bytes(), **{f"{camera}.mp4": data for camera, data in films.items()}}
     for name, data in files.items():
@@ -279,7 +279,7 @@ class TrialProgress:
 
 
 def _events(path: Path, lines: list[bytes]) -> tuple[list[Event], str]:
-    """Parse the lines of a journal. Return its events, and the hash that links the next line to the last one."""
+    """Parse the lines of a journal. Return the events, and the hash that links the next line to the last line."""
     found, link = [], ""
     for number, (form, after) in enumerate(linked_forms(path, lines, cure=_JOURNAL_CURE), start=1):
         where = f"{path}: line {number}"
@@ -317,7 +317,7 @@ def _require_lines(folder: Path, recorded: set[str], states: Mapping[str, TrialP
     """
     for code in recorded:
         place = folder / "trials" / code
-        if states[code].state == "done":  # a header of another attempt is reported as damage of this trial
+        if states[code].state == "done":  # a header of another attempt is reported later as damage to this trial
             continue
         try:
             header = read_header(place)
@@ -370,7 +370,7 @@ class RealJournal(LineJournal):
 
         Raise StorageError if the folder cannot be created.
         """
-        self._put_away(code)  # files of an attempt that the journal does not list
+        self._put_away(code)  # left over from an attempt that the journal does not list
         plan = file_digest(self.folder / PLAN_NAME)
         self._append(Event("begun", code, self._states[code].attempt + 1, now(), person=person, plan=plan))
         folder = self.attempt_folder(code)
@@ -407,7 +407,8 @@ class RealJournal(LineJournal):
         for code in cut:
             self.abort(code, "the program ended before the trial did")
         for code, progress in self._states.items():
-            if progress.state == "open":  # the program was killed after writing the line and before moving the files
+            # If the trial is open, the program was killed after writing the line, but before moving the files.
+            if progress.state == "open":
                 self._put_away(code)
         return cut
 
@@ -417,11 +418,12 @@ class RealJournal(LineJournal):
 
     def _put_away(self, code: str) -> None:
         there = self.attempt_folder(code)
-        if not (there.exists() or there.is_symlink()):  # also true for a broken link
+        # A broken symbolic link counts as existing.
+        if not (there.exists() or there.is_symlink()):
             return
         away = self.folder / "aborted" / f"{code}-{self._states[code].attempt}"
         number = 1
-        while away.exists():  # a person created this folder, so do not overwrite it
+        while away.exists():  # a person created this folder, so it must not be overwritten
             number += 1
             away = away.with_name(f"{code}-{self._states[code].attempt}.{number}")
         with on_disk(away):
@@ -450,7 +452,7 @@ class Seen:
         """Check that the outcome exists, and that the outcome "other" has a note."""
         try:
             outcome_named(self.outcome)
-        except UnknownNameError as problem:  # the reader of the form adds file and line
+        except UnknownNameError as problem:  # the caller adds the file and the line
             raise ValueError(str(problem)) from problem
         if self.outcome == "other" and not self.note.strip():
             raise ValueError("outcome 'other' needs a note")
@@ -483,9 +485,9 @@ class Entry:
 
     @property
     def content(self) -> str:
-        """Hash of the trial, the attempt, the person and the role.
+        """Hash of the trial code, the attempt, the person's name and the role.
 
-        A later entry with the same hash replaces an earlier one.
+        A later entry with the same hash replaces an earlier entry.
         """
         subject = [self.code, self.attempt, self.author, self.role]
         return content_digest("betterbench real entry", dump_json(subject))
@@ -496,7 +498,7 @@ class Entry:
         return f"{self.code} by {self.author} ({self.role})"
 
     def misfit(self, changes: int) -> str:
-        """Return an empty string, because an entry is always possible: it replaces the person's earlier entry."""
+        """Return an empty string, because an entry is always allowed: it replaces the person's earlier entry."""
         del changes
         return ""
 
@@ -635,7 +637,7 @@ class RealRun:
         states: Progress of each trial by code.
         trials: Finished trials with an intact header, in the order of the plan.
         damaged: All other finished trials, in the order of the plan.
-        operators: Names of all operators, including those of invalid attempts and undone entries.
+        operators: Names of all operators, including the operators of invalid attempts and undone entries.
         judges: Names of all people who entered an outcome as a judge.
     """
 

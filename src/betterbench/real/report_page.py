@@ -39,7 +39,10 @@ def write_real_page(results: RealResults, path: Path) -> Path:
 
 
 def _tone(cell: Cell) -> str:
-    """Return the color class of a matrix cell, which shows whether all, some or none of the trials succeeded."""
+    """Return the CSS class for the color of a matrix cell.
+
+    The color shows whether all, some or none of the trials succeeded.
+    """
     if cell.success.k == cell.success.n:
         return "good"
     return "poor" if cell.success.k == 0 else "mixed"

@@ -1,9 +1,9 @@
 """Results of a protocol on a real arm: labels, diagnostic matrices, rater agreement, and a check of the trial order.
 
-The matrices are those of the report (``report.tables.matrices``). Their rates exclude trials without a label, which are
-counted separately for each cell. A trial is damaged if its files differ from the recorded ones. It is then listed as
-unscored and excluded from all other numbers. If runs on the simulated twin are given, each cell is compared with the
-same cell in simulation.
+The matrices have the same form as in the report (``report.tables.matrices``). Their rates exclude trials without a
+label, which are counted separately for each cell. A trial is damaged if its files are missing or differ from the
+recorded files. A damaged trial is listed as unscored and excluded from all other numbers. If runs on the simulated twin
+are given, each cell is compared with the same cell in simulation.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """How often control steps and camera frames were late in the trials of a policy.
+    """Rates of late control steps and late camera frames in the trials of a policy.
 
     Attributes:
         steps: Number of control steps.
@@ -181,7 +181,7 @@ class PolicyResult:
         damaged: Finished but damaged trials of the policy.
         counts: Numbers of planned trials by result.
         lateness: Rates of late steps and frames.
-        diagnosis: Labeled trials, converted to a diagnosis like that of a simulated run.
+        diagnosis: Labeled trials, converted to the diagnosis format of a simulated run.
         matrices: Short-horizon and long-horizon diagnostic matrix.
         unscored: Number of unscored trials by matrix name, row and column.
     """
@@ -215,7 +215,7 @@ class OrderCheck:
         follows_plan: Whether the finished trials were started in the order of the plan.
         longest_run: Largest number of consecutive trials of the same policy.
         expected_run: Largest number of consecutive trials of the same policy in the plan.
-        middle: Mean position of each policy's trials in the order, from 0 (first) to 1 (last).
+        middle: Mean position of each policy's trials in the order of execution, from 0 (first) to 1 (last).
         discarded: Number of attempts that were aborted or repeated, by policy.
     """
 
@@ -303,7 +303,7 @@ class CellComparison:
 
 @dataclass(frozen=True, slots=True)
 class TwinComparison:
-    """Comparison of a policy's diagnostic matrices on the real arm with those in simulation.
+    """Comparison of a policy's diagnostic matrices on the real arm with its matrices in simulation.
 
     Attributes:
         policy: Name of the policy.
@@ -325,7 +325,7 @@ class TwinComparison:
 
     @property
     def sentence(self) -> str:
-        """Sentences that state how well the simulated twin predicts the real arm."""
+        """Sentences about the agreement between the simulated twin and the real arm."""
         k, n = self.same_side.k, self.same_side.n
         if not n:
             return "No cell has trials on both sides."
@@ -346,8 +346,8 @@ class RealResults:
     """Results of a protocol.
 
     Attributes:
-        run: Content of the protocol folder. Its ``damaged`` also includes trials with damage in files other than the
-            header.
+        run: Content of the protocol folder. Here, ``run.damaged`` also includes trials with damage in files other than
+            the header.
         policies: Results of each policy.
         agreements: Agreement of each pair of raters.
         order: Check of the order in which trials were run.
@@ -408,8 +408,8 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
     run is compared with this policy.
 
     Raises:
-        RecordError: If the plan, the journal or the entries are missing, damaged or changed. A trial whose own files
-            are damaged is listed in ``run.damaged`` instead.
+        RecordError: If the plan, the journal or the entries are missing, damaged or changed. If only the files of one
+            trial are damaged, this trial is listed in ``run.damaged`` instead.
         InvalidInputError: If a simulated run belongs to no policy of the protocol, or has a different task.
     """
     run, judged = _judged_run(read_run(folder))
@@ -421,7 +421,7 @@ def results_of(folder: Path, sims: Sequence[Path] = ()) -> RealResults:
 def _judged_run(run: RealRun) -> tuple[RealRun, list[JudgedTrial]]:
     """Label the trials of a protocol.
 
-    Return the protocol with all damaged trials listed in it, and the labeled trials.
+    Return the content of the protocol, including all damaged trials, and the labeled trials.
     """
     judged, damaged = [], {trial.code: trial for trial in run.damaged}
     for trial in run.trials:
@@ -573,7 +573,7 @@ def _compared(path: Path, run: RealRun, policies: Sequence[PolicyResult]) -> Twi
 
 
 def compare_matrices(policy: str, real: Sequence[Matrix], twin: Sequence[Matrix], *, run: str = "") -> TwinComparison:
-    """Compare a policy's diagnostic matrices on the real arm with those in simulation, cell by cell."""
+    """Compare a policy's diagnostic matrices on the real arm with its matrices in simulation, cell by cell."""
     cells = []
     for ours, theirs in zip(real, twin, strict=True):
         for row, other in zip(ours.cells, theirs.cells, strict=True):

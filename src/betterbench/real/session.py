@@ -1,4 +1,4 @@
-"""An operator's session: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
+"""Session of an operator: set up the scene, switch the arm on, run the trial, enter the outcome, and continue.
 
 All work is done in the thread of :meth:`RealSession.run`, which owns the renderers. Pages and keys put commands into
 the queue of this thread. Only :meth:`RealSession.halt` and commands that end a trial act immediately, from any thread.
@@ -130,7 +130,7 @@ class _Shown:
 class RealSession:
     """Session in which an operator runs the trials of a protocol.
 
-    If used as a context manager, it is closed at the end.
+    A session can be used as a context manager, which closes it at the end.
 
     Raises:
         RunConflictError: If another process is running the protocol.
@@ -156,7 +156,7 @@ class RealSession:
             folder: Folder of a protocol with a plan.
             robot: Robot, which is not connected yet.
             person: Name of the operator, stored with the entries.
-            limits: Safety limits; by default those of the SO-101.
+            limits: Safety limits; by default the limits of the SO-101.
             apart: Whether a user's policy runs in a separate process.
             size: Width and height of the images of the simulated twin [pixels].
             say: Called with each message to the operator.
@@ -218,7 +218,7 @@ class RealSession:
         if self._shown.stage is Stage.RUNNING:
             if command.name == "end":
                 self.controls.end.set()
-            return  # a queued switch-on would take effect after the trial
+            return  # a queued command to switch on would take effect after the trial
         try:
             self._commands.put_nowait((self._halts, command))
         except queue.Full:
@@ -295,7 +295,7 @@ class RealSession:
 
     def begin(self) -> None:
         """Go to a finished trial for which no outcome has been entered yet, or else to the next trial in the plan."""
-        # the program was killed between writing the entry and the journal line that repeats the trial
+        # The program was killed after writing the entry, but before writing the journal line that repeats the trial.
         for trial in read_run(self.folder).trials:
             for entry in trial.seen_by("operator"):
                 seen = entry.decision
@@ -320,7 +320,8 @@ class RealSession:
         steps, view = self._twin.steps(trial), self._twin.view(trial)
         if stage is Stage.SETUP:
             self._robot.set_up(trial)
-        self._agreement = self.reading = None  # of the previous scene
+        # The measurements belong to the previous scene.
+        self._agreement = self.reading = None
         self._shown = _Shown(trial, stage, steps, view)
         if stage is Stage.SETUP:
             number = self.plan.trials.index(trial) + 1

@@ -114,13 +114,13 @@ class Closing:
     def is_attempt(self) -> bool:
         """Whether the closing is a grasp attempt.
 
-        This is the case if the tool is low enough to grasp an object, even if the jaw remains empty.
+        In a grasp attempt, the tool is low enough to grasp an object. The jaw may remain empty.
         """
         return self.grip in (Grip.OBJECT, Grip.NOTHING) and self.low
 
     @property
     def over_s(self) -> float:
-        """Time at which the closing is over [s]. The jaw has then opened again, lost the object, or stopped."""
+        """Time at which the closing is over [s], because the jaw has opened again, lost the object, or stopped."""
         return self.end_s if self.let_go_s is None and self.lost_s is None else (self.lost_s or self.let_go_s or 0.0)
 
 
@@ -316,7 +316,7 @@ def _span(track: JointTrack, first: int, last: int) -> Span:
 def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Span | None:
     """Return the interval in which the arm rests until the end, or None if it does not come to rest.
 
-    The arm must be still for ``halt_time``, or tremble in place for ``tremble_time``. It does not count as resting
+    The arm must be still for ``halt_time``, or tremble in place for ``tremble_time``. The arm does not count as resting
     while the jaw closes or opens.
     """
     still = still_rows(tool, track.rate_hz)
@@ -426,7 +426,7 @@ def _closings(track: JointTrack, tool: Floats) -> tuple[Closing, ...]:
 
 
 def _falls(track: JointTrack) -> list[tuple[int, int]]:
-    """Return for each closing the row at which it begins and the row at which the jaw stops.
+    """Return the row at which each closing begins and the row at which the jaw stops.
 
     A pause shorter than ``chatter_time`` does not end a closing.
     """
@@ -449,7 +449,7 @@ def _falls(track: JointTrack) -> list[tuple[int, int]]:
 
 
 def _begins(opening: Floats, top: int, row: int) -> int:
-    """Return the last row before a closing at which the jaw was still fully open, apart from its backlash."""
+    """Return the last row before a closing at which the jaw still had its largest opening, within a tolerance."""
     fallen = np.flatnonzero(opening[top : row + 1] >= opening[top] - JAW_RESTS)
     return top + int(fallen[-1])
 
@@ -465,7 +465,10 @@ def _stops(track: JointTrack, row: int) -> int:
 
 
 def _grip(track: JointTrack, end: int) -> Grip:
-    """Return the result of a closing. It is judged from opening, command and load while the jaw stays closed."""
+    """Return the result of a closing.
+
+    The result is judged from the opening, the command and the load while the jaw stays closed.
+    """
     opens = _opens_after(track.opening, end)
     stop = min(len(track.opening), end + track.steps(THRESHOLDS.stop_time) + 1, *(() if opens is None else (opens,)))
     rows = slice(end, max(stop, end + 1))
@@ -487,7 +490,7 @@ def _grip(track: JointTrack, end: int) -> Grip:
 def _opens_after(opening: Floats, row: int) -> int | None:
     """Return the first later row at which the jaw has opened again, or None.
 
-    It has opened again if it is at least ``jaw_moves`` wider than at its narrowest.
+    The jaw has opened again if it is at least ``jaw_moves`` wider than its smallest opening.
     """
     low = np.minimum.accumulate(opening[row:])
     wider = np.flatnonzero(opening[row:] >= low + JAW_MOVES)
@@ -495,7 +498,7 @@ def _opens_after(opening: Floats, row: int) -> int | None:
 
 
 def _lost(track: JointTrack, end: int, opens: int | None) -> int | None:
-    """Return the row at which the jaw closes further because the object slipped out, or None."""
+    """Return the row at which the jaw closes further because the object slipped out, or None if none slipped out."""
     stop = len(track.opening) if opens is None else opens
     shut: Bools = track.opening[end:stop] <= min(JAW_SHUT, float(track.opening[end]) - JAW_MOVES)
     lasting = [a for a, b in runs_of(shut) if b - a >= min(track.steps(FLICKER_TIME), stop - end - a)]

@@ -124,7 +124,7 @@ class Twin:
         return self._view
 
     def _motions(self, scene: Scene) -> dict[str, np.ndarray]:
-        """Return how far each object moves in the image per meter along x and y of the table [pixels/m]."""
+        """Return the displacement of each object in the image per meter along x and y of the table [pixels/m]."""
         camera = camera_matrices(scene.model, scene.data, FRONT, width=self.size[0], height=self.size[1])
         state = scene.state()
         found = {}

@@ -1,4 +1,4 @@
-"""Agreement between two reviewers, measured on the objects or scenes that both have reviewed."""
+"""Agreement between two reviewers, computed from the objects or scenes that both reviewers have judged."""
 
 from __future__ import annotations
 
@@ -25,12 +25,11 @@ class ReviewAgreement:
     Attributes:
         all: Agreement table over the three verdicts accept, fix and reject.
         usable: Agreement table over two verdicts: usable (accept or fix) and reject.
-        only_first: Number of objects or scenes that only the first reviewer judged. They are not counted in the tables.
-        only_second: Number of objects or scenes that only the second reviewer judged. They are not counted in the
-            tables.
+        only_first: Number of objects or scenes that only the first reviewer judged. The tables do not count them.
+        only_second: Number of objects or scenes that only the second reviewer judged. The tables do not count them.
         apart: Name and both verdicts of each object or scene on which the reviewers disagree, in the order of the first
             review.
-        what: What was reviewed: "objects" or "scenes".
+        what: Kind of the reviewed items: "objects" or "scenes".
     """
 
     all: AgreementTable

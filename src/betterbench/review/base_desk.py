@@ -14,7 +14,7 @@ from betterbench.jobs.decisions import DecisionJournal, DecisionLine, History, U
 
 
 class Named(Protocol):
-    """Item in the queue of a review. Every item has a name."""
+    """Item in the queue of a review, which has a name."""
 
     @property
     def name(self) -> str:
@@ -28,14 +28,15 @@ EditT = TypeVar("EditT")
 
 @dataclass(slots=True)
 class Desk(Generic[ItemT, LineT, EditT]):
-    """State of one review. Subclasses implement how items are opened and edited, and how decisions are written.
+    """State of one review. Subclasses implement the opening and editing of items, and the writing of decisions.
 
     Attributes:
         queue: Items to review.
         journal: File that the decisions are written to.
         author: Name of the reviewer.
         index: Index of the current item in the queue.
-        mode: What the gizmo (the handle that the reviewer drags in the 3D view) moves, such as the object or a grasp.
+        mode: Element that the gizmo moves, such as the object or a grasp. The gizmo is the handle that the reviewer
+            drags in the 3D view.
         selected: Index of the selected part of the item, such as one of several grasps.
         edit: Change that has not been saved yet, or None.
         message: Result of the last command, in one sentence.
@@ -45,7 +46,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
     ITEM: ClassVar[str] = "item"
     """Noun for an item of the queue, for messages."""
     SUBJECT: ClassVar[str] = "item"
-    """Noun for what a decision is about, for messages."""
+    """Noun for the subject of a decision, for messages."""
 
     queue: Sequence[ItemT]
     journal: DecisionJournal[LineT]
@@ -68,7 +69,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
         raise NotImplementedError
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each item of the queue. The verdict is None for items that have none."""
+        """Return the current verdict on each item of the queue, or None for items without a verdict."""
         raise NotImplementedError
 
     def keep(self) -> bool:
@@ -94,7 +95,7 @@ class Desk(Generic[ItemT, LineT, EditT]):
     # -------------------------------------------------------------------------------------------------------- moving
 
     def open_first(self) -> None:
-        """Go to the first item without a verdict. If all items have one, go to the first item."""
+        """Go to the first item without a verdict. If every item has a verdict, go to the first item."""
         open_ones = [k for k, verdict in enumerate(self.verdicts()) if verdict is None]
         self._go(open_ones[0] if open_ones else 0)
 

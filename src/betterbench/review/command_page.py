@@ -25,7 +25,7 @@ DeskT = TypeVar("DeskT", bound=Desk[Any, Any, Any])
 
 PANEL_PX = 380
 MOST_WAITING = 200
-"""Maximum number of waiting commands. A person cannot send that many."""
+"""Maximum number of waiting commands. A person cannot send this many commands."""
 
 
 class CommandPage(Generic[DeskT]):
@@ -40,7 +40,7 @@ class CommandPage(Generic[DeskT]):
 
         Args:
             desk: State of the review.
-            taps: Command for each key, keyed by key code.
+            taps: Command that each key sends, by key code.
             host: Network interface to listen on.
             port: Port to listen on. 0 chooses any free port.
 
@@ -49,7 +49,8 @@ class CommandPage(Generic[DeskT]):
             InvalidInputError: If the port is in use.
         """
         self._desk = desk
-        self._version = 0  # part of the node names, because the browser remembers the pose of a removed node by name
+        # Part of the node names, because the browser keeps the poses of removed nodes by name.
+        self._version = 0
         self._marks: list[Any] = []
         self._commands: queue.Queue[tuple[str, Any]] = queue.Queue(MOST_WAITING)
         self.server = PageServer(host=host, port=port, verb="better review", complain=self._complain)
@@ -105,7 +106,7 @@ class CommandPage(Generic[DeskT]):
     def _is_of_page(self, command: str, value: Any) -> bool:  # noqa: ANN401
         """If the command comes from the gizmo or reports a problem, execute it and return True.
 
-        Otherwise return False.
+        For any other command, return False.
         """
         if command == "drag":
             pose, is_over = value
@@ -117,7 +118,7 @@ class CommandPage(Generic[DeskT]):
         return command in ("drag", "complain")
 
     def _common_verbs(self, modes: Sequence[str]) -> dict[str, Callable[[Any], object]]:
-        """Return the commands that all reviews share. For each mode, there is one command that switches to it."""
+        """Return the commands that all review pages share, including one command per mode that switches to it."""
         desk = self._desk
         do: dict[str, Callable[[Any], object]] = {
             "previous": lambda _: desk.step(-1),
@@ -136,7 +137,7 @@ class CommandPage(Generic[DeskT]):
             self._reason.value = ""
 
     def _set_stage(self, light: float) -> Any:  # noqa: ANN401 - viser's
-        """Set up an empty 3D view whose environment light has the given intensity. Return the view."""
+        """Set up an empty 3D view with an environment light of the given intensity, and return the view."""
         scene = self._viser.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = False
@@ -145,7 +146,7 @@ class CommandPage(Generic[DeskT]):
         return scene
 
     def _begin_marks(self) -> None:
-        """Remove all marks from the 3D view. Marks that are added later get new node names."""
+        """Remove all marks from the 3D view, and use new node names for marks that are added later."""
         for node in self._marks:
             node.remove()
         self._marks = []
@@ -212,7 +213,8 @@ class CommandPage(Generic[DeskT]):
         if command is not None:
 
             async def typed(event: Any) -> None:  # noqa: ANN401
-                if event.client_id is not None:  # the client that typed the value; None if this program set it
+                # The client is None if this program set the value.
+                if event.client_id is not None:
                     self._put(command, event.target.value)
 
             element.on_update(typed)

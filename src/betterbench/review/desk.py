@@ -1,8 +1,8 @@
 """State of one person's review of objects. The browser page is in a different module.
 
 The state consists of the current object, the edit in progress, and the decisions. An edit is a change that has not been
-saved. It is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind of
-edit, or together with a verdict.
+saved. An edit is saved as a line of the review file by :meth:`ReviewDesk.keep`, when the person begins a different kind
+of edit, or when the person gives a verdict.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         return sum(verdict is not None for verdict in self.verdicts())
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each object in the queue. It is None for objects without a verdict."""
+        """Return the current verdict on each object in the queue, or None for objects without a verdict."""
         return [self.journal.history(item.content).verdict for item in self.queue]
 
     @property
@@ -241,7 +241,8 @@ class ReviewDesk(Desk[QueuedObject, Review, Change]):
         if edit.before == edit.after:
             return True
         try:
-            self.journal.check(self._review(edit))  # a size of several meters would take a minute to compute
+            # Reject a size of several meters, which would take a minute to compute.
+            self.journal.check(self._review(edit))
             new = changed(state, edit, where=item.name)
             self._write(edit)
         except (BetterError, ValidationError) as error:

@@ -24,8 +24,8 @@ HULL_COLORS = (
 def ruler(size: Vector) -> np.ndarray:
     """Return the lines of a ruler in the plane z = 0 for a bounding box, as (n, 2, 3) segments [m].
 
-    The ruler has a tick at every centimeter, and every fifth tick is longer. The ticks are at the front edges of the
-    box, which face +x and -y.
+    The ruler has a tick at every centimeter, and every fifth tick is longer. The ticks are on the two bottom edges that
+    face +x and -y, and on the vertical edge between them.
     """
     x, y, z = size
     a, b = 0.5 * x, 0.5 * y

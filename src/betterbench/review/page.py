@@ -39,7 +39,7 @@ SIDE_PX = 250
 EYE_M, LOOK_AT_M = (0.38, -0.06, 0.25), (0.0, 0.0, 0.085)
 """Initial position of the view, and the point that it looks at [m]."""
 OPEN_M = 0.08
-"""Opening of the gripper that is shown to give an impression of the object's size [m]."""
+"""Opening of the gripper that is shown next to the object for scale [m]."""
 TAP_KEYS: dict[str, str] = {
     "ArrowLeft": "previous",
     "ArrowRight": "next",
@@ -113,7 +113,8 @@ class ReviewPage(CommandPage[ReviewDesk]):
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "drop test", "lift test"):
-            self._status.content = WORKING  # importing and computing shapes take seconds
+            # Show that work is in progress, because importing an object and computing its shapes takes seconds.
+            self._status.content = WORKING
         if command in ("drop test", "lift test"):
             tryout = self._desk.try_drop() if command == "drop test" else self._desk.try_lift()
         elif command in self._do:

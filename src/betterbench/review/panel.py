@@ -11,7 +11,7 @@ from betterbench.quoting import markup_text
 COLORS = {"accept": "#20bf6b", "fix": "#2e86de", "reject": "#eb3b5a", "": "#8395a7"}
 SIGNS = {"accept": "✔", "fix": "✎", "reject": "✘", "": "○"}
 QUEUE_ROWS = 9
-"""Number of items that are listed from the queue: the current item and its neighbors."""
+"""Number of listed items of the queue: the current item and its neighbors."""
 _BOX = "padding:4px 10px;font-size:13px;line-height:1.45"
 
 
@@ -71,7 +71,7 @@ def panel_foot(
     It shows the target of the gizmo, the edit in progress, the last message and the last decisions.
 
     Args:
-        target: What the gizmo moves, as HTML.
+        target: Name of the element that the gizmo moves, as HTML.
         edit: Description of the edit in progress, or None if there is none.
         message: The last message.
         decisions: Symbol, text and author of each of the last decisions.

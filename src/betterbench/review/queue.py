@@ -1,6 +1,6 @@
 """Queue of the objects to review.
 
-The objects are mesh files, which are imported when they are first shown, and assets in asset folders.
+The objects are assets in asset folders, or mesh files, which are imported when they are first shown.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class QueuedObject:
         path: Mesh file of the object.
         content: Hash of the mesh file and of all files that it refers to.
         states: The object as it was imported, followed by its state after each change. Empty before the import.
-        problem: Reason why the import failed. Empty if it did not fail.
+        problem: Reason why the import failed. Empty if it succeeded or has not started.
         wishes: Options for importing the mesh file.
-        stored: Whether the file is an already imported asset in an asset folder.
+        stored: Whether the object is an asset in an asset folder, which was imported earlier.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class QueuedObject:
 
     @property
     def name(self) -> str:
-        """Name under which the object is shown."""
+        """Name of the object on the page."""
         return self.path.stem if self.stored else asset_name(self.path)
 
     @property

@@ -1,1 +1,1 @@
-"""Functions that print the tables and messages of subcommands. They are imported only when needed."""
+"""Functions that print the tables and messages of subcommands, and are imported only when needed."""

@@ -15,14 +15,14 @@ from betterbench.report.pages.calibration_page import KINDS, calibration_summary
 from betterbench.report.pages.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
-"""Maximum number of wrong labels that are printed; the page lists all of them."""
+"""Maximum number of wrong labels that are printed. The page lists all of them."""
 
 
 def print_calibration(found: Calibration) -> None:
     """Print a table of labels, and examples of wrong labels.
 
-    For each label, the table shows the recall (how often the label is assigned when it is the true one) and the
-    precision (how often it is correct when it is assigned).
+    For each label, the table shows the recall (the fraction of trials with this true label that get the label) and the
+    precision (the fraction of trials with the assigned label for which it is correct).
     """
     rows = [
         [

@@ -1,4 +1,4 @@
-"""Functions that print a certificate, which shows that trials can be solved."""
+"""Functions that print a certificate, which proves that trials can be solved."""
 
 from __future__ import annotations
 

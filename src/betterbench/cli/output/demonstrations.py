@@ -20,7 +20,7 @@ def bar_note(progress: SetProgress) -> str:
 
 
 def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
-    """Print how much the demonstrations of a set differ from each other.
+    """Print the variety of a set of demonstrations, i.e. the differences between them.
 
     If the set was generated from source demonstrations, the variety of the sources is printed too.
     """
@@ -28,7 +28,7 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
 
     if variety:
         title = "variety: mean difference between two demonstrations [cm, s, °]"
-        # no units, to fit the table into 80 columns
+        # the header has no units, so that the table fits into 80 columns
         headings = (heading.split(" [")[0] for heading in SPREADS.values())
         print_table(("task", "of", *headings), variety_rows(variety, sources), title=title)
 

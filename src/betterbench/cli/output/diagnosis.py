@@ -14,7 +14,7 @@ from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
-"""Maximum number of changed trials and of changed metrics to print; ``--json`` lists all."""
+"""Maximum number of changed trials and of changed metrics to print. The output of ``--json`` contains all of them."""
 
 
 def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:

@@ -1,4 +1,4 @@
-"""Output of subcommands that build a report: progress bars first, and the verdicts at the end."""
+"""Output of subcommands that build a report: progress bars, followed by the verdicts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from betterbench.api.report import ReportListener
 from betterbench.cli.console import ERR, passing_bar, say
 
 LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
-"""Listener that shows on standard error how far a report has been built."""
+"""Listener that shows the progress of building a report on standard error."""
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:

@@ -44,7 +44,7 @@ def print_preflight(found: PreflightCheck, *, json: bool) -> None:
 
 
 def _print_proof(proof: ReplayProof) -> None:
-    """Print how well the policy's answers agree with the replayed demonstration, with one row per axis of motion."""
+    """Print the agreement of the policy's answers with the replayed demonstration, one row per axis of motion."""
     rows = [
         [
             axis.name,

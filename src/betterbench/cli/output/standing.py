@@ -10,7 +10,7 @@ from betterbench.report.pages.pretenders import scope_columns, score_rows
 from betterbench.tasks import Axis
 
 SHOWN_LINES = 8
-"""Maximum number of reference lines on the terminal; ``--json`` and the report list all."""
+"""Maximum number of reference lines on the terminal. The report and the output of ``--json`` contain all lines."""
 
 
 def print_standing(policy: str, standing: Standing) -> None:

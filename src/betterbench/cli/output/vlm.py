@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from betterbench.vlm.steps import Cell, StepTable
 
 MOST_GROUPS = 12
-"""Maximum number of groups to print; groupings with more groups (such as by scenario) are only in result.json."""
+"""Maximum number of groups to print. Groupings with more groups (such as by scenario) are only in result.json."""
 
 
 def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None = None) -> None:
@@ -40,7 +40,8 @@ def print_run(benchmark: Benchmark, run: StaticRun, acted: RunDiagnosis | None =
             gap, which is measured with questions about images.
     """
     score, columns = run.score, COLUMNS if run.extracted is not None else COLUMNS[:2]
-    left_out = {AXIS} if score.gaps is not None else set()  # the table of gaps has the axes
+    # The table of gaps already lists the axes.
+    left_out = {AXIS} if score.gaps is not None else set()
     shown = [
         p for p in score.parts if p.kind not in left_out and sum(q.kind == p.kind for q in score.parts) <= MOST_GROUPS
     ]
@@ -115,7 +116,7 @@ def _print_groups(table: StepTable) -> None:
 
 
 def _print_eyesight(compared: EyesightComparison) -> None:
-    """Print for each image resolution the smallest object size at which a model answers correctly.
+    """Print the smallest object size at which a model answers correctly, for each image resolution.
 
     If this size cannot be inferred, the reason is printed.
     """
@@ -164,7 +165,7 @@ def _percent(value: float | None) -> str:
 
 
 def print_probe(finding: Finding) -> None:
-    """Print how well each order and scale of coordinates explains a model's answers, and the inferred convention."""
+    """Print the error of each order and scale of coordinates for a model's answers, and the inferred convention."""
     rows = [
         [fit.scale, fit.order.replace("xy", "x, y").replace("yx", "y, x"), f"{fit.fitting}/{finding.readable}",
          "–" if finding.readable == 0 else f"{100 * fit.error:.0f} %"]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def print_set(made: QuestionSet) -> None:
-    """Print how many questions of each type a set has, and the accuracy that can be reached without the images."""
+    """Print the number of questions of each type in a set, and the accuracy that can be reached without the images."""
     images = len({q.image for q in made.questions})
     title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
     rows = [
@@ -84,7 +84,7 @@ def print_knowledge(known: Knowledge) -> None:
 
 
 def _print_groups(known: Knowledge) -> None:
-    """Print how often a model knows the right action, and how often the policy takes it.
+    """Print how often a model knows the correct action, and how often the policy takes this action.
 
     The counts are grouped by axis, variation and failure mode.
     """
@@ -121,7 +121,7 @@ def difference_in_points(difference: Difference) -> str:
 
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
-    """Print how accurately a learner answers questions about its own trials, by condition."""
+    """Print the accuracy of a learner's answers about its own trials, by condition."""
     columns = [
         "condition",
         "right cell",

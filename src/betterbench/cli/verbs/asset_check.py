@@ -139,7 +139,7 @@ def _write_pictures(judged: Sequence[tuple[Target, AssetCertificate]], out: Path
             continue
         try:
             images = asset_pictures(target.asset(), pixels=_PIXELS)
-        except (BetterError, ValueError) as error:  # MuJoCo rejects a mesh that has already failed the checks
+        except (BetterError, ValueError) as error:  # MuJoCo may reject a mesh that has failed the checks
             say(f"no picture of {certificate.asset}: {error}")
             continue
         failed = ", ".join(check.name for check in certificate.failed)

@@ -108,7 +108,7 @@ def _print_hits(opened: Catalogue, query: str, hits: Sequence[tuple[str, Hit]], 
 
 
 def _without_meaning() -> str:
-    """Return a message that says that the search compared only words, not meanings.
+    """Return a message saying that the search compared only words, not meanings.
 
     The message includes the command that adds text embeddings to the catalogue.
     """

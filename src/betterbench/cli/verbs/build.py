@@ -119,7 +119,8 @@ def build_and_tell(
         cards, matrix = {}, None
         if built.suite is not None:
             cards = draw_cards(built, out)
-            if build.power:  # measuring the power takes longest, and the suite can already be used and inspected
+            # Write a page before the measurement of the power, which takes long, so that the suite can be inspected.
+            if build.power:
                 say(f"page without power: {write_build_page(built, out / PAGE, settings=settings, cards=cards)}")
                 matrix = power_of_suite(built, out, build.power, build.processes)
         page = write_build_page(built, out / PAGE, settings=settings, cards=cards, power=matrix)

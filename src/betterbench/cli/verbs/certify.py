@@ -71,7 +71,7 @@ def certify_command(
     from betterbench.tasks import TrialId, suite_tasks
     from betterbench.tasks.authoring.registry import SUITES
 
-    of_suite = suite_tasks(suite)  # also with --tasks, so that a mistyped suite is reported
+    of_suite = suite_tasks(suite)  # needed with --tasks too, so that a mistyped suite is reported
     if write_package and arm != USUAL_OPTION:
         problem = "the packaged files are for the robot for which the tasks were designed"
         raise InvalidInputError("--write-package", problem, "Leave out --robot")

@@ -148,7 +148,7 @@ def _static(
 
 
 STATIC_TABLE = "static_bottleneck"
-"""Name of the paper's table of static benchmarks in the audit."""
+"""Name that the audit uses for the paper's table of static benchmarks."""
 _NO_AUDIT = "The audit of the paper's table is part of betterbench-calibration, which is not installed"
 
 

@@ -36,7 +36,7 @@ def dataset_command(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Make a training set from demonstrations of one training distribution; every record is checked.
+    """Make a training set from demonstrations of one training distribution, and check every record.
 
     Expert demonstrations are adapted to initial states that cover the distribution evenly (see `better amplify`). The
     folder contains the demonstrations as a run, which `better export`, `better materialize` and `better vqa` can read.
@@ -74,7 +74,7 @@ def dataset_command(
     from betterbench.tasks import suite_tasks
 
     _require_hash(expect)
-    of_suite = suite_tasks(suite)  # also with --tasks, so that the tasks of a folder are loaded
+    of_suite = suite_tasks(suite)  # needed with --tasks too, so that the tasks of a suite folder are loaded
     recipe = SetRecipe(tuple(dict.fromkeys(tasks or of_suite)), regime, demos, sources, seed, noise, validation, pairs)
     began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures, overwrite=overwrite)
@@ -115,7 +115,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             nonlocal shown_stage
-            if stage != shown_stage:  # the pace of the previous stage does not predict that of this one
+            if stage != shown_stage:  # the pace of the previous stage does not predict the pace of this stage
                 shown_stage = stage
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)

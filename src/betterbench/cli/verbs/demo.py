@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, say
 POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
 
 TASKS = ("morning_coffee", "fast_food")
-"""The two tasks in the paper's detailed tables; together they reveal the faults of all three policies."""
+"""The two tasks in the paper's detailed tables, which together reveal the faults of all three policies."""
 
 
 def demo_command(

@@ -91,7 +91,7 @@ def _document(
 
 
 def _store(folder: RunFolder, result: RunDiagnosis) -> None:
-    """Store the diagnosis in the run folder, or report why that failed."""
+    """Store the diagnosis in the run folder, or report why it could not be stored."""
     from betterbench.diagnosis import stored
 
     with _said_if_not_kept("not stored", stored.stored_path(folder)):

@@ -86,7 +86,7 @@ def _require_proof(found: PreflightCheck) -> None:
 
 
 def _check_machine(*, json: bool) -> None:
-    """Print which features work on this machine. Raise BetterError if a check fails."""
+    """Print the features that work on this machine. Raise BetterError if a check fails."""
     from betterbench.cli.checks import run_checks
 
     checks = run_checks()

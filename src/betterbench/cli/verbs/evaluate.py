@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""Time from the first steps to the first estimate of the duration, and time between progress lines as long as no steps
-have been reported [s].
+"""Time from the first steps to the first estimate of the duration, and interval of progress lines before that [s].
 """
 
 LOG_EVERY_S = 60.0
@@ -69,10 +68,13 @@ USUAL_TRIALS = 20
 """Default number of trials per variation."""
 
 MANY_TRIALS = 200
-"""Number of trials above which a smaller run is suggested."""
+"""Maximum number of trials for which no smaller run is suggested."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""Task of the suggested smaller run, which is the task with the shortest trials, and number of trials per variation."""
+"""Task of the suggested smaller run, and its number of trials per variation.
+
+The task has the shortest trials of the suite.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -403,7 +405,10 @@ def _prepare(world: World, robot: str) -> None:
 
 
 def _say_what_is_done(plan: Plan, out: Path) -> None:
-    """Print how much of a resumed run is done. Problems with the folder are reported later, when it is opened."""
+    """Print how many trials of a resumed run are done.
+
+    Problems with the folder are reported later, when the folder is opened.
+    """
     from betterbench.records import RunFolder
 
     if not (out / "journal.jsonl").is_file():
@@ -547,7 +552,8 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     files = options_for({t.task for t in plan.trials}, worlds=(plan.world.name,))
     following = f"better report {shell_word(run.path)}{files}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
-    if plan.world.facts.reading != "chains":  # CALVIN's chains are not labeled
+    # A report shows labels, which chains of CALVIN do not have.
+    if plan.world.facts.reading != "chains":
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     require_a_trial(run)
 

@@ -251,11 +251,11 @@ def _export_outcomes(
         return
     if to != "submission":
         place = out or folder.inside(to)
-        with FileLock(place):  # outside the folder, because a tracker reads every file in it
+        with FileLock(place):  # the lock file is not in the folder, because trackers read every file there
             write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    if out is not None:  # check first, because reading the records takes long
+    if out is not None:  # check this first, because reading the records takes long
         require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)

@@ -39,7 +39,7 @@ def import_better_command(
 ) -> None:
     """Import tasks of the BeTTER release.
 
-    List motions that are not supported and instructions that contradict the scene.
+    List motions outside the training support, and instructions that contradict the scene.
 
     The folder is a clone of github.com/BeingBeyond/BeTTER, or one task folder in it. The output contains audit.json,
     audit.md and a suite folder, in which the tasks use the assets of betterbench. Other commands load this folder with

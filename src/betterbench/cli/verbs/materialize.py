@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from betterbench.tasks import TrialId
 
 MOST_LISTED = 3
-"""Maximum number of files that the error about a failed check lists; --json lists all of them."""
+"""Maximum number of files in the error about a failed check. With --json, all files are listed."""
 
 
 def materialize_command(

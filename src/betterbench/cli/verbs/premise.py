@@ -27,8 +27,8 @@ def premise_command(
 
     The objects settle as at the beginning of a run. LIBERO then evaluates each relation in the task file that connects
     an object named in the instruction to another object. An update of the simulator can break scenes, so repeat this
-    check after each update. A task takes about half a minute. Running the command again resumes the job where it
-    stopped. In LIBERO-Plus, each new layout and initial robot pose has one initial state, which is checked in a few
+    check after each update. Checking a task takes about half a minute. Running the command again resumes the job where
+    it stopped. In LIBERO-Plus, each new layout and initial robot pose has one initial state, which is checked in a few
     seconds if its assets are installed.
 
     Example: better premise libero --suites libero_spatial

@@ -104,7 +104,7 @@ def check_cameras_command(
 
 
 def _notes(width: int, height: int, pose: CameraPose) -> Iterator[str]:
-    """Yield a warning if the image has a wrong aspect ratio, and one if the sheet seems to be rotated."""
+    """Yield a warning if the image has a wrong aspect ratio, and a warning if the sheet seems to be rotated."""
     if abs(3 * width - 4 * height) > 0.02 * 3 * width:
         yield (
             f"The image has {width} x {height} pixels, expected an aspect ratio of 4:3. Give it in the size that "

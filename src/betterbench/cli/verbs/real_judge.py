@@ -23,7 +23,7 @@ def judge_command(
     The page shows the videos of finished trials in a random order, with the instruction and the definitions of the
     behaviors. It does not show the condition, the policy, or the entries of other people. Running the command again
     continues where you stopped. The operator of a protocol cannot judge it. With two judges, `better real report`
-    computes how well they agree.
+    computes their agreement.
 
     By default, the page can only be opened on this machine. To open it on another machine, forward the port (ssh -L
     8080:127.0.0.1:8080 MACHINE). The printed address contains the access token of the page.

@@ -194,7 +194,7 @@ def _limits(path: Path | None) -> SafetyLimits | None:
 
 @contextmanager
 def _terminal_keys(session: RealSession, stopped: threading.Event, *, needed: bool) -> Iterator[None]:
-    """While the context is open, execute the keys that are pressed in the terminal.
+    """Execute the keys that are pressed in the terminal while the context is open.
 
     If there is no terminal and ``needed`` is set, the lines of standard input are executed as keys instead.
     """

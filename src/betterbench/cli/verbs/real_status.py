@@ -22,7 +22,7 @@ _TITLES = {
 }
 """Short column titles, so that the table fits into 80 characters."""
 _STEPS = ("late_steps", "held_steps", "limited_steps", "late_frames")
-"""Columns that are omitted if the condition and the policy are shown, to save space."""
+"""Columns that are omitted to save space if the condition and the policy are shown."""
 
 
 def status_command(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
-"""Maximum number of fields that the error about a differing replay lists."""
+"""Maximum number of differing fields in the error about a replay."""
 
 
 def replay_command(

@@ -193,7 +193,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
 
 
 def _agree(files: tuple[Path, ...], *, json: bool) -> None:
-    """Print how well two reviews agree."""
+    """Print the agreement of two reviews."""
     from betterbench.review.agreement import agreement
 
     if len(files) != 2:

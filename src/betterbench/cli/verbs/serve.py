@@ -124,7 +124,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 def _require_expert(policy: str, option: str, does: str) -> None:
     """Raise InvalidInputError if an option that applies only to experts is given with another policy.
 
-    A policy address of an unknown kind is accepted here, because it causes an error later.
+    A policy address of an unknown kind is not rejected here, because it causes an error later.
     """
     from betterbench.policies.kinds import find_kind
 
@@ -165,7 +165,7 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """While the context is open, log the connections of clients, unless the log level hides everything but errors."""
+    """Log the connections of clients while the context is open, unless the log level hides everything but errors."""
     ours = logging.getLogger("betterbench.policies.serving.server")
     before = ours.level
     if ours.getEffectiveLevel() <= logging.WARNING:

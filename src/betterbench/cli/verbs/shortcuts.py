@@ -45,7 +45,7 @@ def shortcuts_command(
 
     For runs, each rule is compared with the variations. A variation that breaks a rule distinguishes a policy that
     follows the instruction from a policy that follows the rule. The result is a prediction: the variations ranked by
-    how likely a learner trained on this dataset fails them, with the expected label.
+    the risk that a learner trained on this dataset fails them, with the expected label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
@@ -90,7 +90,7 @@ def shortcuts_command(
 def _print(
     facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
 ) -> None:
-    """Print how the data were read and which shortcuts were found."""
+    """Print the description of the data, and the shortcuts that were found."""
     if audit.reading is not None:
         print_item(audit.reading.paragraph)
     for group in audit.groups:
@@ -104,7 +104,7 @@ def _print(
 
 
 def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
-    """Return what is known about the demonstrations, the shortcut audit, and the prediction for the variations."""
+    """Return the facts about the demonstrations, the shortcut audit, and the prediction for the variations."""
     from betterbench.demonstrations.shortcuts.examine import audit_dataset
     from betterbench.demonstrations.shortcuts.prediction import predict
     from betterbench.tasks import task_names
@@ -116,7 +116,7 @@ def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, .
 
 
 def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
-    """Return what is known about each demonstration, the hash of the set, and how the data were read.
+    """Return the facts about each demonstration, the hash of the set, and a description of the data that were read.
 
     For a LeRobot dataset, the hash is an empty string.
     """
@@ -153,7 +153,7 @@ def _run_in(data: Path) -> Path:
 
 
 def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
-    """Return how much the demonstrations of a run differ from each other, by task.
+    """Return the variety of the demonstrations of a run, by task.
 
     Return an empty result for a LeRobot dataset.
     """
@@ -191,7 +191,7 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell_asked(group: GroupAudit) -> None:
-    """Print which questions the audit tested for a group of demonstrations, and which it could not test.
+    """Print the questions that the audit tested for a group of demonstrations, and the questions it could not test.
 
     Rules that only reflect the meaning of words are printed too, with a note that they are not shortcuts.
     """

@@ -81,7 +81,8 @@ def _plan(file: Path | None, preset: str | None, suite: str | None) -> StudyPlan
         )
     tasks = {} if suite is None else {"tasks": list(suite_tasks(suite))}
     if file is not None:
-        read = read_yaml(file, cure=CURE, deepest=8)  # camera views are nested
+        # Camera views are nested deeply.
+        read = read_yaml(file, cure=CURE, deepest=8)
         return read_study_plan({**read, **tasks}, where=str(file))
     import yaml
 

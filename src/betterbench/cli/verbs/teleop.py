@@ -103,7 +103,7 @@ def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, ca
 
 
 def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the cameras to show, without "none". Raise UnknownNameError if a camera does not exist."""
+    """Return the cameras to show, without the word "none". Raise UnknownNameError if a camera does not exist."""
     from betterbench.errors import UnknownNameError
 
     known = ("front", "front_official", "left_shoulder", "right_shoulder", "wrist")
@@ -118,7 +118,7 @@ def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
 def _inputs(
     controls: Controls, devices: str, leader: str | None, port: str, identity: str, *, task: str
 ) -> Iterator[None]:
-    """While the context is open, read the input devices of this machine.
+    """Read the input devices of this machine while the context is open.
 
     Raises:
         InvalidInputError: If a device that was named cannot be read.

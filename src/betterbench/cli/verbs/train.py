@@ -172,6 +172,7 @@ def evaluation_of(out: Path, tasks: Sequence[str], options: str = "") -> str:
     from betterbench.sim.robots import robot_space
 
     chosen = " ".join(map(shell_word, tasks))
-    usual = robot_space(USUAL_OPTION.of(tasks)) == EE_DELTA.name  # the action space of all learners
+    # All learners act in EE_DELTA.
+    usual = robot_space(USUAL_OPTION.of(tasks)) == EE_DELTA.name
     space = "" if usual else f" --action-space {EE_DELTA.name}"
     return f"better eval --policy {shell_word(learned_address(out))}{options} --tasks {chosen}{space} --trials 3"

@@ -30,8 +30,8 @@ def view_command(
 ) -> None:
     """Show a recorded trial on one timeline: video, masks, boxes, contacts and subgoals.
 
-    A file name ending in .html gives a page for any browser; one ending in .rrd gives a file for the Rerun viewer
-    (extra view), which also shows depth and 3-D boxes.
+    A file name ending in .html gives a page for any browser. A file name ending in .rrd gives a file for the Rerun
+    viewer (extra view), which also shows depth and 3-D boxes.
 
     Example: better view runs/expert/records/fast_food/T1/0.parquet --out t1.html
 

@@ -28,7 +28,7 @@ PROBE = "probe"
 SIDE_PX = 896
 """Side length of the images in newly made sets [pixels], equal to 2 x 2 InternVL tiles.
 
-The values of ``--eyes`` other than native downscale such an image. An image of 256 pixels would hardly change.
+The values of ``--eyes`` other than native downscale such an image. They would hardly change an image of 256 pixels.
 """
 
 

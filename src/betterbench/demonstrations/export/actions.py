@@ -28,10 +28,10 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
     """Return the actions of a record in the given action space, as an (n_steps, dim) float64 array.
 
     In the action space of the record, these are the intended actions: the executed actions without the noise that a
-    demonstrator added. For another action space, the actions are computed from the recorded controller commands, which
-    are the joint references at the end of each control step or the corresponding poses. Each delta starts from the pose
-    that results from the earlier deltas. If a delta is clipped, the following deltas therefore make up for the lost
-    motion. Noise is removed from poses but not from joint references, because the record does not show how the
+    demonstrator added. For any other action space, the actions are computed from the recorded controller commands.
+    These are the joint references at the end of each control step, or the corresponding poses. Each delta starts from
+    the pose that results from the earlier deltas. If a delta is clipped, the following deltas therefore compensate for
+    the lost motion. Noise is removed from poses but not from joint references, because the record does not show how the
     controller would have responded to another pose.
 
     Raises:
@@ -67,7 +67,7 @@ def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
 def _openings(record: Record, space: ActionSpace) -> np.ndarray:
     """Return the commanded gripper openings (n_steps, 1) in motor units.
 
-    In each control step, the last of the joint references is the one for the gripper.
+    The last joint reference of each control step is the reference of the gripper.
     """
     jaw, unit = robot_of_space(space.name).jaw, space.scale[-1]
     return np.array([[jaw.share_at(jaw.width_at_control(c)) / unit] for c in record.ctrl[1:, -1].tolist()])

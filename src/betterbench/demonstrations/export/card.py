@@ -23,7 +23,7 @@ _FRONT = (
 )
 
 STILL = 1e-3
-"""A component counts as nearly constant if its quantiles 0.01 and 0.99 differ by less than this value."""
+"""Maximum difference between the quantiles 0.01 and 0.99 of a component that is reported as nearly constant."""
 
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:

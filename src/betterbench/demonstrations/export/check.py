@@ -28,8 +28,9 @@ from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
 
 MOST_MEAN_ERROR = 4.0
-"""Maximum mean error of an image that the video codec may cause, in levels of 255. Typical values are given in
-``docs/export.md``.
+"""Maximum mean error of an image due to the video codec, on a scale from 0 to 255.
+
+Typical values are given in ``docs/export.md``.
 """
 
 
@@ -74,7 +75,7 @@ def check_export(runs: Sequence[RunFolder], path: Path, *, on_progress: OnCount 
     found = [_trial(runs, about) for about in episodes]
     told = any(
         "pairs" in about for about in episodes
-    )  # data sets exported by earlier versions do not list the pairs of twins
+    )  # data sets exported by earlier versions do not list the pairs of twin demonstrations
     pairs = pairs_of(runs, found) if told else {}
     pictures, worst = 0, 0.0
     with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:

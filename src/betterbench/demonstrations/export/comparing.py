@@ -20,14 +20,17 @@ ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
 CURE = "Export the data set again into another folder"
 
 LEVEL = "a number from 0 to 1"
-"""Placeholder for the expected value of an image statistic, since image statistics are not computed again."""
+"""Placeholder for the expected value of an image statistic, because image statistics are not computed again."""
 
 _CLOSE = 1e-9
-"""Maximum relative difference between two numbers. Other versions of NumPy may sum in another order."""
+"""Maximum relative difference between two numbers that are considered equal.
+
+Other versions of NumPy may sum in a different order.
+"""
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Maximum number of characters of a field name in a message, since names come from untrusted files."""
+"""Maximum number of characters of a field name in a message, because the names come from untrusted files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
@@ -57,7 +60,7 @@ def require_equal(there: object, wanted: object, where: str) -> None:
 
 @contextmanager
 def intact(where: str) -> Iterator[None]:
-    """Context manager that raises InvalidInputError if a part of a data set is damaged and cannot be read."""
+    """Return a context manager that raises InvalidInputError if a part of a data set is damaged and cannot be read."""
     try:
         yield
     except BetterError:
@@ -75,10 +78,10 @@ _BROKEN = (
 
 
 def _settled(there: object, wanted: object) -> object:
-    """Make a value from a data set comparable to the expected JSON value.
+    """Convert a value from a data set so that it can be compared with the expected JSON value.
 
-    Numbers that are close to the expected number are replaced by it. Values that JSON cannot represent are converted to
-    strings.
+    A number that is close to the expected number is replaced by the expected number. Values that JSON cannot represent
+    are converted to strings.
     """
     if isinstance(there, dict):
         known = wanted if isinstance(wanted, dict) else {}

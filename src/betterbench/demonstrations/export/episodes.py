@@ -1,4 +1,4 @@
-"""Content of a data set in memory. The writers of all file formats generate their files from it."""
+"""Content of a data set in memory, from which the writers of all file formats generate their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expected content of a data set. It is computed from the records in the same way as when the data set is written."""
+"""Expected content of a data set, computed from the records in the same way as during the export."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ExpectedDataset:
         Args:
             train: Number of training episodes.
             where: File that contains this number.
-            said: Text that states this number as it is written in the file, for the error message.
+            said: Text that quotes this number from the file, for the error message.
         """
         trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
         if not is_split(trials, train):

@@ -34,7 +34,9 @@ class Numbers:
 
 
 def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
-    """Return the numeric columns of all frames. The last state of the record is left out, because no action follows it.
+    """Return the numeric columns of all frames.
+
+    The last state of the record is left out, because no action follows this state.
 
     Raises InvalidInputError if the motion cannot be expressed in the preset's action space.
     """

@@ -1,8 +1,8 @@
 """Export job: workers write the episodes, and the complete data set is then moved to its path.
 
-All files are written to a hidden folder next to the target, ``.NAME.parts``. A resumed export finds the complete
-episodes there. A single rename moves the finished data set to its path, so the data set is either complete or absent.
-The content of the files depends only on the records and the options.
+All files are written to a hidden folder next to the target, ``.NAME.parts``. A resumed export reuses the complete
+episodes in this folder. A single rename moves the finished data set to its path, so the data set is either complete or
+absent. The content of the files depends only on the records and the options.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
-"""Version of the export. It is increased whenever the same records give different frames."""
+"""Version of the export, which is increased whenever the same records give different frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
-"""File in a data set that describes its origin."""
+"""Name of the file that describes the origin of a data set."""
 README = "README.md"
-"""Dataset card, which users may edit."""
+"""Name of the dataset card, which users may edit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class ExportPlan:
         language: Whether to write LeRobot's language columns, which LeRobot reads from version 0.6 on.
         questions: Folder of a set of questions about the frames; None to export no questions.
         overwrite: Whether to replace a different data set at the output path, provided that betterbench wrote it. If
-            the output is a robomimic file, any other file at this path is replaced too.
+            the output is a robomimic file, any file with other content at this path is replaced.
     """
 
     runs: Sequence[RunFolder]
@@ -230,7 +230,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return the settings that determine how the frames of a given record are exported."""
+    """Return the settings that affect the exported frames of a given record."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -290,7 +290,7 @@ def _digest(file: Path) -> str | None:
 
 
 def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
-    """Return whether the content of the output path is to be replaced.
+    """Return whether the export replaces the content of the output path.
 
     This requires ``overwrite``. If the path is a folder, it must also contain a data set that betterbench wrote.
     """
@@ -324,7 +324,7 @@ def stored_source(folder: Path) -> dict[str, Any]:
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: OnCount | None) -> int:
-    """Write the episodes that are still missing from the hidden folder, and return their number."""
+    """Write the episodes that are missing in the hidden folder, and return the number of written episodes."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
 
     def make(pictures: Pictures, folder: Path) -> None:
@@ -335,7 +335,8 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
         write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
 
     def work(missing: Iterable[Path]) -> Iterator[None]:
-        # Trials with the same scene are rendered in a row, because opening a scene takes longer than an image.
+        # Trials with the same scene are rendered in succession, because opening a scene takes longer than rendering an
+        # image.
         order = sorted(missing, key=lambda f: (wanted[f].scene_hash, wanted[f].trial, wanted[f].run))
         cameras = plan.layout.cameras
         return in_threads(order, make, workers=workers, open_resource=lambda: Pictures(cameras, quality))
@@ -381,7 +382,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
-    if out.exists():  # the replaced data set is deleted together with the hidden folder
+    # The replaced data set is deleted together with the hidden folder.
+    if out.exists():
         shutil.rmtree(replaced, ignore_errors=True)
         out.rename(replaced)
     whole.replace(out)
@@ -415,7 +417,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Choose the seeds that are held out for validation. At least one seed remains for training.
+    """Choose the seeds that are held out for validation, so that at least one seed remains for training.
 
     Conditions with the same seed have the same object layout. Therefore all demonstrations with a held-out seed are
     held out.
@@ -433,7 +435,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return the description of a data set's origin that is stored in the data set. The file sizes are added later."""
+    """Return the description of a data set's origin, without the file sizes, which are added later."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
@@ -454,8 +456,8 @@ def origin_of(
 def is_split(trials: Sequence[TrialId], train: int) -> bool:
     """Return whether an export could have used the first ``train`` trials for training and the others for validation.
 
-    All trials with a held-out seed are held out, and they come last. The fraction of held-out seeds is not stored in
-    the data set. The function therefore returns True if any fraction leads to this split.
+    All trials with a held-out seed are held out, and held-out trials come last. The fraction of held-out seeds is not
+    stored in the data set. The function therefore returns True if any fraction leads to this split.
     """
     held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
     first = sorted(trial for trial in trials if trial.seed not in held_out)
@@ -467,8 +469,8 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
 def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
     """Return the command that evaluates a policy trained on the data set. The policy address in it is a placeholder.
 
-    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. Otherwise it
-    evaluates a few trials of the demonstrated tasks.
+    If the data set demonstrates all tasks of the suite, the command evaluates the complete suite. If it demonstrates
+    only some tasks, the command evaluates a few trials of these tasks.
     """
     name = layout.adapter.name
     words = ["better eval --policy"]

@@ -29,11 +29,12 @@ NumberType = Literal["float32", "float64", "int64"]
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
 _OBSERVATIONS = ("default", "droid", "official")
-"""Observation presets, in the order in which they are searched for the cameras that a layout needs."""
+"""Observation presets in order of preference. A layout uses the first preset that has all required cameras."""
 
 _REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
-"""Columns that the configuration of a trainer requires although the policy does not use them. They are copies of
-another column.
+"""Columns that are required by the configuration of a trainer, but not used by the policy.
+
+Each is a copy of another column.
 
 openpi's ``LeRobotDROIDDataConfig`` expects a second exterior image, which its policy does not use.
 """
@@ -197,7 +198,7 @@ def _image_name(adapter: str, key: tuple[str, ...]) -> str:
 def _states(adapter: Adapter, joints: int) -> tuple[VectorColumn, ...]:
     """Return the state columns.
 
-    There is one column for all parts of the state, or one per part if the trainer needs that.
+    There is one column for all parts of the state, or one column per part if the trainer requires this.
     """
     columns: list[VectorColumn] = []
     parts: list[VectorPart] = []
@@ -250,7 +251,7 @@ def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
 
 
 def _action(adapter: Adapter) -> VectorColumn:
-    """Return the action column. It contains the actions that the policy should return."""
+    """Return the action column, which contains the actions that the policy should return."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
         parts.append(VectorPart(key, len(names), len(names) + size))

@@ -98,7 +98,7 @@ def counters(dataset: Dataset, number: int, part: Part, *, first: int) -> dict[s
     """Return the time and index columns of an episode.
 
     The columns are ``timestamp`` [s], ``frame_index`` (in the episode), ``episode_index``, ``index`` (in the data set),
-    ``task_index`` (of the instruction) and the index of the subgoal.
+    ``task_index`` (index of the instruction) and the index of the subgoal.
     """
     rows, subgoals = len(part), {name: i for i, name in enumerate(dataset.subgoals)}
     task = dataset.instructions.index(str(dataset.episodes[number].about["instruction"]))
@@ -254,7 +254,7 @@ def file_name(kind: str, number: int) -> str:
 
 
 class _Files:
-    """Base of the writers that distribute the episodes over numbered files of one kind (frames or videos)."""
+    """Base class of writers that distribute the episodes over numbered files of one kind (frames or videos)."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -271,7 +271,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return the fields that describe where it is stored."""
+        """Add an episode, and return the fields that describe its location."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1

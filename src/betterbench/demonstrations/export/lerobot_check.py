@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Check of a LeRobot data set, without its images, image statistics, and the questions in its language columns.
+    """Check of a LeRobot data set, except its images, its image statistics, and the questions in its language columns.
 
     Attributes:
         listed_in: Folders in which trainers read every Parquet file.
@@ -53,16 +53,16 @@ class LeRobotCheck(ABC):
             path: Folder of the data set.
             expected: Expected content. The episodes are added to it one by one.
             info: Content of ``meta/info.json``.
-            listed: Entry of each episode in ``meta``.
+            listed: Entry in ``meta`` for each episode.
         """
         self.path, self.expected, self.info, self.listed = path, expected, info, listed
         self._frames: _Frames | None = None
         self._names: set[str] = set()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare an episode with the expected one, and return a reader for the images of the episode.
+        """Compare an episode with the expected episode, and return a reader for the images of the episode.
 
-        The expected episode must be the last one that was added to ``expected``.
+        The expected episode must be the last episode that was added to ``expected``.
         """
         self.compare_listed(number, part)
         dataset, first = self.expected.dataset, self.expected.first(number)

@@ -133,7 +133,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """Episode metadata that the export reads back from the folder of the episode; see :func:`about`."""
+    """Episode metadata that the export reads from the folder of the episode; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]

@@ -24,8 +24,8 @@ def questions_of(
     """Return the questions of a set that are about the given records, by SHA-256 of the record.
 
     Questions about cameras that are not in the layout are left out. Questions about boxes and points are also left out
-    if the export resizes or rotates the image, because their coordinates would be wrong. The options of a
-    multiple-choice question are listed with letters below the question.
+    if the export resizes or rotates the image, because their coordinates would be wrong. The text of a multiple-choice
+    question lists the options with letters below the question.
 
     Raises InvalidInputError if no question is left.
     """

@@ -1,4 +1,4 @@
-"""Writer of robomimic's HDF5 files. One file contains the lossless images, states and actions of all demonstrations.
+"""Writer of robomimic's HDF5 files. A file contains the states, actions and lossless images of all demonstrations.
 
 Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomimic/utils/dataset.py``.
 """
@@ -30,7 +30,7 @@ GYM_TYPE = 2
 _GZIP = 1
 
 _MOST_PACKED = 1100
-"""Maximum compression ratio of an array that is accepted. gzip compresses zeros by 1032 to 1."""
+"""Maximum compression ratio of an array in a file. gzip compresses an array of zeros by 1032 to 1."""
 _LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -109,7 +109,8 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
-    if of_file := attributes(file):  # betterbench does not write attributes of the file itself
+    # Attributes of the root group, which betterbench never writes, change the digest.
+    if of_file := attributes(file):
         whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
 
@@ -156,7 +157,7 @@ def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
 
 
 def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
-    """Return the reason why an HDF5 object cannot have been written by betterbench, or "" if it may have been."""
+    """Return the reason why betterbench cannot have written an HDF5 object, or "" if there is no such reason."""
     h5py = _h5py()
     if _address(item) in seen:
         return "is another name of an earlier object"

@@ -45,7 +45,7 @@ class RobomimicCheck:
         self._file.close()
 
     def episode(self, number: int, part: Part) -> ReadPictures:
-        """Compare an episode with the expected episode, which must be the one that was added last.
+        """Compare an episode with the expected episode, which must be the last episode that was added.
 
         Return a reader for its images.
         """

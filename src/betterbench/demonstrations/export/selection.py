@@ -30,7 +30,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Demonstrations selected for export, in order, and the number of trials that were left out, by reason."""
+    """Demonstrations selected for export, in order, and the number of omitted trials by reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]

@@ -23,7 +23,7 @@ EFFORT = "veryfast"
 """Speed preset of the x264 encoder."""
 
 GROUP = 2
-"""Distance between key frames. It is as small as in LeRobot, so that random frames are decoded quickly."""
+"""Distance between key frames. The distance is as small as in LeRobot, so that random frames are decoded quickly."""
 
 VIDEO_SETTINGS = {
     "codec": CODEC,
@@ -34,7 +34,7 @@ VIDEO_SETTINGS = {
 }
 """Settings of the video encoder, which are stored with the data set."""
 
-_BITEXACT = {"fflags": "+bitexact"}  # keeps library versions out of the file
+_BITEXACT = {"fflags": "+bitexact"}  # do not write library versions into the file
 
 
 class VideoWriter:
@@ -78,7 +78,7 @@ class VideoWriter:
 
 
 def require_even(width: int, height: int) -> None:
-    """Raise InvalidInputError if the width or height of an image is odd, since the pixel format requires even sizes."""
+    """Raise InvalidInputError if a width or height is odd, because the pixel format requires even sizes."""
     if width % 2 or height % 2:
         raise InvalidInputError(
             "--images",

@@ -2,8 +2,10 @@
 
 - ``starts``: choice of the initial states.
 - ``manner``: motion styles of the expert.
-- ``sources``, ``transit``, ``retarget``: skills, the transits between skills, and their transfer to new scenes.
+- ``sources``, ``transit``, ``retarget``: skills, the transits (motions) between skills, and the transfer of both to new
+  scenes.
 - ``amplifier``, ``attempt``: a single attempt at a demonstration.
 - ``production``: a complete set of demonstrations.
-- ``variety``, ``acceptance``: how much demonstrations differ, how many attempts succeeded, and why others failed.
+- ``variety``, ``acceptance``: differences between demonstrations, acceptance rates of attempts, and reasons for failed
+  attempts.
 """

@@ -24,7 +24,7 @@ FOLDER = "acceptance"
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Number of attempts, and how many of them were accepted as demonstrations."""
+    """Number of attempts, and number of attempts that were accepted as demonstrations."""
 
     accepted: int
     attempts: int
@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """Measure of how well the accepted demonstrations of a training condition cover its possible initial states."""
+    """Coverage of the possible initial states of a training condition by its accepted demonstrations."""
 
     condition: str
     demonstrations: int
@@ -63,7 +63,7 @@ class TaskAcceptance:
 
     Attributes:
         attempts: All attempts.
-        starts: Number of initial states, and how many of them have a demonstration.
+        starts: Number of initial states, and number of initial states with a demonstration.
         steps: Total number of control steps in the accepted demonstrations.
         sources: Attempts by primary source demonstration.
         regions: Attempts by the initial position of an object. Each slot (an area in which an object is placed at
@@ -94,8 +94,8 @@ class Acceptance:
         sha256: Hash of the demonstration set.
         demonstrations: Number of demonstrations.
         tasks: Outcomes by task.
-        variety: How much the demonstrations of each task differ; empty if no condition has two demonstrations.
-        sources: How much the source demonstrations of an amplified set differ; empty if their folder is missing.
+        variety: Differences between the demonstrations of each task; empty if no condition has two demonstrations.
+        sources: Differences between the source demonstrations of an amplified set; empty if their folder is missing.
     """
 
     policy: str
@@ -121,7 +121,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acceptance:
-    """Return the outcomes of the attempts in a run of demonstrations, and how much the demonstrations differ.
+    """Return the outcomes of the attempts in a run of demonstrations, and the differences between the demonstrations.
 
     Args:
         run: Folder of the run.
@@ -142,7 +142,7 @@ def acceptance_of(run: RunFolder, *, on_progress: OnCount | None = None) -> Acce
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return how much the source demonstrations of a run differ. Return () if they are missing or have changed."""
+    """Return the differences between the source demonstrations of a run, or () if they are missing or have changed."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()

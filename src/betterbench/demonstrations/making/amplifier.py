@@ -32,31 +32,36 @@ begins closest to the arm.
 """
 
 NEAREST, NEAREST_SHARE = 3, 0.5
-"""A source is drawn uniformly from the nearest neighbors. Their number is the larger of this count and this fraction of
-all sources.
+"""Minimum number of nearest sources, and minimum number as a fraction of all sources.
+
+A source is drawn uniformly from the nearest sources. Their number is the larger of the two minimums.
 """
 OTHER_INSTANCE_M = 0.05
 """Distance that is added between two objects of the same category if they are different instances [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
-"""A skill may begin within this distance of the pose at which the gripper opens or closes [m]. The distances are tried
-in this order. The motion before the beginning is part of the transit.
+"""Distances from the pose at which the gripper opens or closes, within which a skill may begin [m].
+
+The distances are tried in this order. The motion before the beginning of the skill belongs to the transit.
 """
 TURN_RAD = math.pi / 8.0
 """Angle between neighboring grasps of an object that can be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
 """Rotations about the object's axis that are tried if an object can be grasped from any side [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""The arm counts as settled within this distance [m] and this angle [rad] of its goal. Before the gripper moves, the
-demonstrator waits for at most this number of control steps until the arm has settled.
+"""Maximum distance [m] and angle [rad] between a settled arm and its goal, and maximum number of control steps of
+waiting. The demonstrator waits before each gripper motion until the arm has settled.
 """
 STILL_M, STILL_STEPS = 2e-4, 2
-"""Finger motion per step below which the fingers count as still [m], and number of still steps before a lift."""
+"""Maximum motion of still fingers per control step [m], and number of still steps before a lift."""
 LEAVE_M = 0.10
-"""If the source demonstration ends without a retreat, the tool retreats by this height from the released object [m]."""
+"""Height by which the tool retreats from the released object if the source demonstration ends without a retreat [m]."""
 NOISE_BLOCK = 256
 """Number of control steps for which noise is drawn at once."""
 MOST_DEVIATIONS = 5.0
-"""Noise is clipped at this many standard deviations. When a recording is replayed, up to 6 are accepted."""
+"""Number of standard deviations at which noise is clipped.
+
+When a recording is replayed, noise of up to 6 standard deviations is accepted.
+"""
 TEMPO = 1.4
 """Maximum factor by which a skill is sped up or slowed down to match the tempo of the demonstration."""
 TEMPO_DRAWN = 0.1
@@ -69,7 +74,7 @@ LAST_STEPS = 60
 PRESS_M = 0.004
 """Distance by which the gripper pushes a drawer beyond its stop when closing it [m], as the expert does."""
 FULL_M = 0.003
-"""A drawer counts as fully open within this distance of its stop [m]."""
+"""Maximum distance from its stop at which a drawer counts as fully open [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +103,12 @@ class _Hand:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """Skill that was transferred to the scene and can be executed next.
+    """Candidate for the next skill, transferred from a source demonstration to the scene.
 
     Attributes:
         source: The skill in the source demonstration.
         moved: The same skill in this scene.
-        change: How the transit (the motion that leads to this skill) differs from the transit in the source
+        change: Difference between the transit (the motion that leads to this skill) and the transit in the source
             demonstration.
         hand: State of the gripper during the transit.
         touched: Objects that the robot may touch during the skill.
@@ -121,8 +126,8 @@ class _WayIn:
     """Collision-free path to the start of a skill.
 
     Attributes:
-        poses: Waypoints of a planned path. If the transit (the motion that leads to the skill) of the source
-            demonstration is repeated instead, one pose per control step.
+        poses: Waypoints of a planned path. If the path instead repeats the transit of the source demonstration (the
+            motion that leads to the skill), one pose per control step.
         planned: Whether the motion planner found the path.
         begin: Step of the skill from which the skill continues after the path.
     """
@@ -139,7 +144,7 @@ class Amplifier:
 
     Attributes:
         used: Names of the source demonstrations, one for each skill that was started.
-        failure: Kind of failure and reason if the attempt failed; None otherwise.
+        failure: Kind of failure and reason if the attempt failed; None if it did not fail.
     """
 
     def __init__(
@@ -190,7 +195,7 @@ class Amplifier:
             raise
 
     def close(self) -> None:
-        """Release the episode, so that the memory of its scene (about 20 MB) can be freed."""
+        """Drop the reference to the episode, so that the memory of its scene (about 20 MB) can be freed."""
         run, self._run = self._run, None
         if run is not None:
             run.close()
@@ -276,9 +281,9 @@ class Amplifier:
         return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
-        """Return how far a drawer must be moved [m].
+        """Return the distance by which a drawer must be moved [m].
 
-        It is closed completely, or opened as far as in the primary source demonstration.
+        The drawer is closed completely, or opened as far as in the primary source demonstration.
         """
         opening = distance(state.pose(window.object).position, self._shut[window.object].position)
         lead = next(s for s in self._lead.skills if s.window == window)
@@ -340,9 +345,9 @@ class Amplifier:
         """Transfer skills of the source demonstrations to this scene, and yield each transferred skill with its source.
 
         For an object that can be grasped from any side, the grasp is first rotated about the object's axis by
-        ``turn_rad``. If all skills are blocked, other rotations are tried. The contents of a container may differ from
-        those in the source demonstration. The object may then be released at another position that the expert would
-        choose, if demonstrations also release objects there.
+        ``turn_rad``. If all skills are blocked, other rotations are tried. A container may contain other objects than
+        in the source demonstration. The object may therefore be released at another position that the expert would
+        choose, if some demonstrations release objects there.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -397,7 +402,7 @@ class Amplifier:
                 if blocked is None:
                     return way
                 if blocked != OUT_OF_REACH:
-                    break  # the skill itself is blocked, so a path to its start would not help
+                    break  # no path to the start helps if the skill itself is blocked
             self._blocked.append(blocked or "")
         return None
 
@@ -495,7 +500,8 @@ class Amplifier:
     def _close(self, state: WorldState, goal: Pose) -> Motion:
         """Close the fingers until they stop.
 
-        The recorded gripper motion is not repeated, since the object may be narrower than in the source demonstration.
+        The recorded gripper motion is not repeated, because the object may be narrower than in the source
+        demonstration.
         """
         still = 0
         for _ in range(SETTLE_STEPS):

@@ -29,8 +29,9 @@ from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
 
 LASTING_STEPS = 4
-"""Number of control steps after the end of an episode for which the goal must stay met. They are 0.2 s, after the dwell
-time of 0.5 s within the episode.
+"""Number of control steps after the end of an episode for which the goal must stay met.
+
+These steps take 0.2 s, and follow the dwell time of 0.5 s within the episode.
 """
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
@@ -109,7 +110,8 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     """Transfer source demonstrations to a scene. Each attempt follows a different primary source demonstration."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
-    # Each initial state has one order of the primary sources, and each attempt uses the next of them.
+    # Each initial state has one random order of the source demonstrations, and each attempt uses the next one as its
+    # primary source.
     order = _stream(scene, "leads", 0).permutation(len(leads))
     lead = leads[int(order[number % len(leads)])]
     agent = Amplifier(scene, library, lead, settings, draw)
@@ -152,7 +154,7 @@ def judge_attempt(
 ) -> DemonstrationAttempt:
     """Decide whether an attempt meets all requirements for demonstrations and is accepted.
 
-    Call this function while the scene is still at the end of the episode.
+    Call this function before the scene is changed after the end of the episode.
 
     Args:
         scene: Scene of the attempt.
@@ -202,13 +204,16 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return the failure if the episode lies outside the certified training distribution. Return None otherwise."""
+    """Return the failure if the episode lies outside the certified training distribution.
+
+    Return None if it lies inside.
+    """
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Describe how an episode first deviates from the certified training distribution of its task.
+    """Describe the first deviation of an episode from the certified training distribution of its task.
 
     Return None if there is no deviation, or if the variation is declared to lie outside the training distribution.
     """

@@ -13,7 +13,7 @@ from betterbench.sim.scenes.limited import LimitedView
 SIZE = 256
 """Side length of the videos [pixel]."""
 EVERY = 2
-"""Number of record rows per video frame. Videos have ten frames per second."""
+"""Number of record rows per video frame, so that videos have ten frames per second."""
 
 
 def film_failures(

@@ -1,4 +1,4 @@
-"""Motion styles of demonstrations. They are drawn at random to imitate differences between people."""
+"""Motion styles of demonstrations, which are drawn at random to imitate differences between people."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from betterbench.policies.experts.motion import (
 from betterbench.policies.experts.skills import Skills
 
 MISS_GAP_M = 0.012
-"""In a missed grasp, the gripper closes at least this far above the object [m]."""
+"""Minimum height above the object at which the gripper closes in a missed grasp [m]."""
 MISS_STEPS = 12
-"""In a missed grasp, the gripper stays closed for at most this number of control steps."""
+"""Maximum number of control steps for which the gripper stays closed in a missed grasp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Draw a motion style from a random stream.
 
     Teleoperators are up to three times slower than a scripted expert. They pause before contact, approach at an angle,
-    and sometimes close the gripper too early. The ranges are assumptions and were not measured.
+    and sometimes close the gripper too early. The ranges of the motion styles are assumptions and were not measured.
     """
     return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
@@ -89,9 +89,10 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 
 @dataclass
 class VariedSkills(Skills):
-    """Skills of the expert, executed in a motion style.
+    """Skills of the expert, executed in a given motion style.
 
-    Detours and missed grasps are planned like all other motions. They are left out if an obstacle blocks them.
+    Detours and missed grasps are planned like all other motions. A detour or missed grasp is left out if an obstacle
+    blocks it.
 
     Attributes:
         manner: The motion style.

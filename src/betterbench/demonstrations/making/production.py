@@ -70,14 +70,14 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = "attempts"
 """Folder in a run of demonstrations that contains the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Version of the method behind each demonstrator. A run can only be resumed with the version that started it."""
+"""Version of each demonstrator's method. A run can only be resumed with the version that started it."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """How the demonstrations of a run are made. Instances can be pickled, so that they can be sent to workers.
+    """Method that makes the demonstrations of a run. Instances can be pickled and sent to workers.
 
     Attributes:
         policy: Policy name in the records: the name of the expert or of the amplifier.
@@ -126,14 +126,14 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return the initial state that replaces an abandoned one. Return None if there is no further replacement.
+        """Return the initial state that replaces an abandoned initial state, or None if no replacement is left.
 
         Initial states are not replaced if ``twins`` is set, i.e. if conditions share their seeds.
         """
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the settings that must be the same for a run to be resumed.
+        """Return the settings that must not change when a run is resumed.
 
         The planned trials are compared separately.
         """
@@ -164,7 +164,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return how the demonstrations of a run were made.
+    """Return the method that made the demonstrations of a run.
 
     Raises RecordError if the run does not contain demonstrations.
     """
@@ -241,7 +241,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 class AttemptJournal(VersionedJournal):
     """Journal of all attempts in a run.
 
-    If several lines are about the same initial state, only the last one is used. Raises the same errors as
+    If several lines are about the same initial state, only the last of these lines is used. Raises the same errors as
     :class:`VersionedJournal`.
     """
 
@@ -292,7 +292,7 @@ def collect(
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
-    """Collect demonstrations that the expert makes in various motion styles.
+    """Collect demonstrations by running the expert in various motion styles.
 
     If the run was interrupted, calling this function again resumes it.
 
@@ -419,7 +419,7 @@ def _produce(
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
-        demonstrated(task, engine=engine_version())  # fails early if the training support was not measured
+        demonstrated(task, engine=engine_version())  # raise an error early if the training support was not measured
     versions = versions_in_use([task.id for task in chosen], robot=method.robot)
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
@@ -439,7 +439,8 @@ def _produce(
                 keep=functools.partial(_note, journal=journal, attempts=attempts),
                 on_progress=None if on_progress is None else _teller(on_progress, chains, attempts),
             )
-            changed = [run.restore(), journal.restore(), attempts.restore()]  # write removed files again
+            # Write files again that were removed during the run.
+            changed = [run.restore(), journal.restore(), attempts.restore()]
             is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
         if is_whole and chains == _chains(wanted, found, method):
@@ -447,7 +448,7 @@ def _produce(
 
 
 def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
-    """Warn about initial states that are in only one of the two journals, since these are attempted again."""
+    """Warn about initial states that are in only one of the two journals, because they are attempted again."""
     lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
     lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
     if lost:
@@ -546,7 +547,7 @@ def _note(produced: _Produced, *, journal: Journal, attempts: AttemptJournal) ->
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     """Attempt one initial state until an attempt is accepted, and write its record. Called in a worker process."""
     load_sources(method.task_files)
-    run = RunFolder(Path(out), {}, {})  # the main process may be writing to run.json
+    run = RunFolder(Path(out), {}, {})  # do not read run.json, because the main process may be writing to it
     began = time.perf_counter()
     scene = scene_of(trial, method.quality, method.robot)
     setup_s = time.perf_counter() - began
@@ -586,7 +587,7 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
     Args:
         scene: Scene at the initial state.
         number: Index of the attempt.
-        method: How demonstrations are made.
+        method: Method that makes the demonstrations.
     """
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)

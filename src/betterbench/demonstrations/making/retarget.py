@@ -68,7 +68,7 @@ class CarriedOver:
 
         The motion is sped up until the gripper opens or closes.
 
-        The speed at which the gripper opens or closes does not change.
+        After that step, the motion keeps its recorded speed.
 
         Args:
             begin: First step to keep.
@@ -81,7 +81,7 @@ class CarriedOver:
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
         """Return the poses at which to check the steps ``begin`` to ``end`` for collisions.
 
-        The poses at both of these steps are included.
+        The poses at the steps ``begin`` and ``end`` are included.
         """
         found = [self.targets[begin]]
         for pose in self.targets[begin + 1 : end]:
@@ -161,9 +161,10 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return the tool pose that puts the object's base where it was in the source demonstration.
+    """Return the tool pose that places the object's base as in the source demonstration, relative to the target.
 
-    If ``T_foot_tcp`` is None, the tool has the same rotation as in the source demonstration. Otherwise, the object has.
+    If ``T_foot_tcp`` is None, the tool keeps its rotation from the source demonstration. If it is given, the object
+    keeps its rotation.
     """
     foot = (target @ T_tcp_foot_source).translated(*shift)
     if T_foot_tcp is not None:

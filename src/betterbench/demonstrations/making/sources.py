@@ -23,17 +23,19 @@ from betterbench.tasks.user_files import options_for
 SAME_GRASP_M = 0.04
 """Maximum distance between a grasp and the annotated grasp that it is matched with [m]."""
 SAME_GOAL_M = 0.03
-"""Maximum distance between the place of a release and the placement of the expert that it is matched with [m]."""
+"""Maximum distance between the position of a release and the matching candidate placement of the expert [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Minimum distance between two alternative goals of a placement [m], and maximum number of goals."""
 MOVING_M = 0.001
-"""Motion per control step below which the tool counts as pausing [m]."""
+"""Maximum motion per control step while the tool counts as pausing [m]."""
 ROTATION_M = 0.1
-"""Weight of a rotation relative to a translation when poses are compared [m/rad]. It equals the length of the gripper.
+"""Weight of a rotation relative to a translation when poses are compared [m/rad].
+
+It equals the length of the gripper.
 """
 
 SkillKey = tuple[str, str, str, str, str]
-"""Key by which skills are matched: kind of the skill and kind of the object; for a placement also the relation, the
+"""Key for matching skills: the kind of the skill and the kind of the object; for a placement also the relation, the
 kind of the target, and the region.
 
 A slide that opens a drawer has the relation "out".
@@ -61,8 +63,8 @@ class SourceSkill:
         T_tcp_foot: For a placement, the pose of the object's base in the gripper just before the gripper opens.
         anchor: For a placement, the expert's candidate placement that is nearest to the release, given as the position
             of the object's base in the world frame [m].
-        spread_m: For a placement, how much wider the gripper opens than the object [m].
-        slid_m: How far a drawer is moved along its own x axis [m].
+        spread_m: For a placement, the difference between the gripper opening and the width of the object [m].
+        slid_m: Distance by which a drawer is moved along its own x axis [m].
         width_m: Gripper width at the beginning of the window [m].
         lead_in: Commanded poses ``T_world_tcp`` between the previous skill and the window, one per control step; None
             if the gripper missed a grasp in between.
@@ -250,7 +252,8 @@ def _skill_of(
         record: Record of the demonstration.
         window: Rows of the skill.
         asset: Asset of the skill's object.
-        lead_in: Commanded poses between the previous skill and this one; None if the gripper missed a grasp in between.
+        lead_in: Commanded poses between the previous skill and this skill; None if the gripper missed a grasp in
+            between.
         tempo_mps: Mean speed of the tool in the transits of the demonstration [m/s].
     """
     first = max(1, window.start)
@@ -299,12 +302,12 @@ def nearest_goal(
 ) -> tuple[float, float, float] | None:
     """Return the expert's candidate placement that is nearest to a point, as the position of the object's base [m].
 
-    Unlike a rigid transform of the recorded motion, the candidates take into account how large the objects are and
-    which objects are already at the target. Return None if no candidate is within the given distance.
+    Unlike a rigid transform of the recorded motion, the candidates take into account the sizes of the objects and the
+    objects that are already at the target. Return None if no candidate is within the given distance.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
-    # The offset is rotated once per rotation, because hundreds of goals share a few rotations.
+    # The rotated offset is computed once per rotation, because hundreds of goals share a few rotations.
     turned = {q: rotate(q, offset) for q in {goal.pose.quaternion for goal in goals}}
     feet = [goal.pose.translated(*turned[goal.pose.quaternion]).position for goal in goals]
     nearest = min(feet, key=lambda foot: distance(foot, point), default=None)
@@ -314,7 +317,7 @@ def nearest_goal(
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
     """Return the expert's candidate placements as positions of the object's base [m], starting with the best.
 
-    Placements that are nearly the same are only listed once.
+    Of several nearly equal placements, only the best is listed.
     """
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
@@ -326,7 +329,7 @@ def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, fl
 
 
 def _slid_m(record: Record, window: SkillWindow) -> float:
-    """Return how far the closed gripper moves a drawer along the drawer's x axis [m]."""
+    """Return the distance by which the closed gripper moves a drawer along the drawer's x axis [m]."""
     opened = window.change
     while opened + 1 < len(record) and record.gripper_command[opened + 1] > 0.0:
         opened += 1

@@ -2,9 +2,9 @@
 
 An initial state is described by discrete levels of several factors. The factors are the appearance of the scene and,
 for each slot of a relevant object, the object's position (a cell of the slot) and its rotation. Seeds are divided into
-blocks of consecutive seeds. In each block, the seed is chosen that has the levels that have occurred least often so
-far. The blocks do not overlap and do not depend on the number of initial states, so a larger set contains the smaller
-one. If a seed is abandoned, it is replaced by the most similar seed of a spare block.
+blocks of consecutive seeds. From each block, the seed with the least frequent levels so far is chosen. The blocks do
+not overlap and do not depend on the number of initial states, so a larger set contains the smaller one. If a seed is
+abandoned, it is replaced by the most similar seed of a spare block.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from betterbench.tasks import Condition, Slot, Task, TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 FIRST_AMPLIFIED_SEED = 1_000_000_000
-"""Default first seed of amplified demonstrations. It is far from the seeds of their source demonstrations."""
+"""Default first seed of amplified demonstrations, which is far from the seeds of their source demonstrations."""
 GRID = 3
 """Number of cells along each axis of the region in which a slot places objects."""
 BLOCK = 32
@@ -28,14 +28,18 @@ BLOCK = 32
 SPARE_BLOCK = 256
 """Number of consecutive seeds from which the replacement of an abandoned seed is chosen."""
 SLOT_WEIGHT = 3
-"""Penalty for a different cell when a replacement is chosen. A different rotation or appearance has penalty 1."""
+"""Penalty for a different cell of a slot when a replacement is chosen.
+
+A different rotation or appearance has penalty 1.
+"""
 SPARE_ROUNDS = 4
 """Maximum number of times that an initial state is replaced."""
 SPARES_FROM = 20_000_000
 """Difference between the first seed for replacements and the first seed of the set."""
 MOST_STARTS = 10_000
-"""Maximum number of initial states per training condition. It ensures that their blocks end before the spare seeds
-begin.
+"""Maximum number of initial states per training condition.
+
+With this limit, their blocks end before the spare seeds begin.
 """
 
 Levels = Mapping[str, int]
@@ -79,7 +83,10 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return the random factors of a condition. The factors of objects to be moved come before those of targets."""
+    """Return the random factors of a condition.
+
+    The factors of objects to be moved come before the factors of targets.
+    """
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -116,7 +123,7 @@ def _levels(task: Task, slots: Iterable[Slot], seed: int) -> dict[str, int]:
 
 
 def _level(share: float) -> int:
-    """Return the level that a random number in [-1, 1] falls into."""
+    """Return the level of a random number in [-1, 1]."""
     return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
 
 
@@ -176,7 +183,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return a replacement for a planned initial state from which no demonstration could be made in ``round_`` rounds.
+    """Return a replacement for a planned initial state that had no accepted demonstration in ``round_`` rounds.
 
     Each replacement is chosen to be similar to the original initial state, not to the previous replacement. Return None
     if there have been too many replacements.
@@ -224,7 +231,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return how well the initial states with the given seeds cover each factor of a training condition."""
+    """Return the coverage of each factor of a training condition by the initial states with the given seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

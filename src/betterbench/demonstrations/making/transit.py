@@ -11,7 +11,7 @@ from betterbench.demonstrations.making.sources import SourceSkill
 from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
 
 LEAST_WAY_M = 0.05
-"""Horizontal length below which a transit is too short to have a direction [m]."""
+"""Minimum horizontal length for a transit to have a direction [m]."""
 STRETCHED = (0.5, 2.0)
 """Minimum and maximum factor by which the distance between a transit's end points may change."""
 MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
@@ -22,7 +22,7 @@ CHECK_RAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """How a transit differs from the transit of the source demonstration.
+    """Difference between a transit and the transit of the source demonstration.
 
     Attributes:
         aside_m: Displacement of the midpoint to the left, as seen from above [m].
@@ -53,8 +53,8 @@ def carry_transit(
         variation: Difference from the transit of the source demonstration.
 
     Returns:
-        The transit; None if the transit of the source demonstration contains a missed grasp or would be stretched too
-        much.
+        The new transit; None if the transit of the source demonstration contains a missed grasp or would be stretched
+        too much.
     """
     if skill.lead_in is None:
         return None

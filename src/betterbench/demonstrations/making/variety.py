@@ -1,8 +1,8 @@
-"""Variety of demonstrations: how much they differ in corresponding motions.
+"""Variety of demonstrations, measured as the mean difference between corresponding motions.
 
-Two demonstrations of the same condition are compared in the motions that belong to the same subgoal and skill. The
-random positions of objects in their slots are removed first, so that copies of the same path count as zero variety even
-if they begin at different initial states. Paths are compared by their offset from the straight line between their end
+For two demonstrations of the same condition, the motions with the same subgoal and skill are compared. The random
+positions of objects in their slots are removed first, so that copies of the same path count as zero variety even if
+they begin at different initial states. Paths are compared by their offset from the straight line between their end
 points. Grasps and approaches are compared in the frame of the object. Every value is a mean over pairs of
 demonstrations, so it does not depend on the number of demonstrations.
 """
@@ -28,9 +28,12 @@ from betterbench.tasks.interventions import resolve_condition
 SAMPLES = 40
 """Number of points at which two paths are compared, at equal fractions of their length."""
 APPROACH_M = 0.05
-"""Length of the final part of a path, whose direction is the approach direction [m]."""
+"""Length of the final part of a path that determines the approach direction [m]."""
 MOST_COMPARED = 200
-"""Maximum number of demonstrations per condition that are compared. Those with the smallest seeds are used."""
+"""Maximum number of demonstrations per condition that are compared.
+
+The demonstrations with the smallest seeds are used.
+"""
 
 _SAID = (
     "Mean difference between two demonstrations of a condition in the same motion. Slot jitter is removed. Paths are "
@@ -82,7 +85,7 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """Variety of a condition's demonstrations: how much they differ in one motion.
+    """Variety of one motion in the demonstrations of a condition.
 
     A motion ends with a grasp, or leads from a grasp to the release.
 
@@ -91,7 +94,7 @@ class MotionVariety:
         subgoal: Subgoal name.
         skill: Kind of the skill at the end of the motion.
         demonstrations: Number of demonstrations that were compared, at least two.
-        spread: Mean difference between two of them.
+        spread: Mean difference between two of these demonstrations.
     """
 
     condition: str
@@ -103,7 +106,7 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """Variety of a task's demonstrations: how much they differ.
+    """Variety of the demonstrations of a task.
 
     Attributes:
         task: Task name.
@@ -158,7 +161,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return how much the demonstrations of each task differ.
+        """Return the variety of the demonstrations of each task.
 
         The result is empty if no condition has two demonstrations.
         """
@@ -174,7 +177,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: OnCount | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return how much the successful demonstrations in a run differ, for each task.
+    """Return the variety of the successful demonstrations in a run, for each task.
 
     Args:
         run: Folder of the run.
@@ -203,7 +206,7 @@ def variety_of_run(
 def mean_spread(spreads: Sequence[Spread]) -> Spread:
     """Return the mean of one or more spreads.
 
-    The grasp values are averaged over those spreads that have grasp values.
+    The grasp values are averaged only over the spreads that have grasp values.
     """
     means: dict[str, float | None] = {}
     for name in SPREADS:

@@ -1,7 +1,7 @@
 """Recipe for training GR00T N1.6.
 
-The recipe consists of a modality configuration, the command that starts the training, and a copy of the checkpoint. In
-this copy, the backbone can be frozen completely.
+The recipe consists of a modality configuration, the command that starts the training, and a copy of the checkpoint. The
+complete backbone can be frozen in this copy.
 
 The fields are taken from NVIDIA/Isaac-GR00T@15ce93d2 (N1.6): ``gr00t/configs/finetune_config.py`` and
 ``gr00t/experiment/launch_finetune.py``. The license of GR00T permits only research and evaluation.

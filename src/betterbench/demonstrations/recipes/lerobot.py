@@ -40,8 +40,9 @@ _POLICIES: Mapping[str, Mapping[str, Any]] = {
 }
 _WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
 _DOWNSAMPLED = 8
-"""The horizon of the diffusion policy must be a multiple of this number, which is 2 to the power of the number of
-``down_dims`` (configuration_diffusion.py).
+"""Factor by which the diffusion policy downsamples its horizon, so the horizon must be a multiple of it.
+
+It is 2 to the power of the number of ``down_dims`` (configuration_diffusion.py).
 """
 _WITHOUT_LANGUAGE = ("act", "diffusion")
 

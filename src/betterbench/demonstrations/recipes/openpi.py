@@ -102,9 +102,7 @@ def _real_setup(training: Training) -> TrainerSetup:
     recipe, data = training.recipe, training.only_data
     name = f"{recipe.name}_pi05"
     file, repo_id = f"{name}.py", f"local/{data.name}_v21"
-    older = (
-        f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # an absolute path, because the commands run in different folders
-    )
+    older = f'"$HF_LEROBOT_HOME"/{shell_word(repo_id)}'  # absolute, because the commands run in different folders
     settings = _real_settings(training, repo_id)
     run = shell_line(["uv", "run", own_file(file)])
     commands = []

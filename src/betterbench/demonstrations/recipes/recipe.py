@@ -66,10 +66,11 @@ class Recipe:
         name: Name of the recipe, which is used in the names of configurations and folders.
         benchmark: Benchmark whose demonstrations are used for training.
         form: Content of the user's recipe file.
-        fixed: Default values of ``steps`` and ``batch``, for files that do not set them. Each value is stored with its
-            source and the passage in the source.
+        fixed: Default values of ``steps`` and ``batch``, for recipe files that do not set them, each with its source
+            and the passage in the source.
         frozen: Frozen parts of the backbone by framework, with the passage in the paper.
-        policies: Steps and batch size by policy type, for the policy types of LeRobot that have a different recipe.
+        policies: Number of steps and batch size by policy type, for the policy types of LeRobot whose recipe differs
+            from ``fixed``.
     """
 
     name: str
@@ -98,7 +99,8 @@ class Recipe:
         """Return the number of steps between two checkpoints, chosen so that the last step is saved.
 
         Args:
-            usual: Preferred number of steps, which is used if it divides the total number of steps.
+            usual: Preferred number of steps between two checkpoints, which is used if it divides the total number of
+                steps.
         """
         return usual if self.steps % usual == 0 else self.steps
 
@@ -118,7 +120,8 @@ class Recipe:
         Raises InvalidInputError if ``save_every`` does not divide the number of steps.
         """
         fixed = dict(self.fixed)
-        if self.policies and policy != "pi05":  # the paper trained pi0.5 only
+        # The paper only trained pi0.5.
+        if self.policies and policy != "pi05":
             fixed = {name: (value, "ours", f"as pi0.5; no recipe for {policy}") for name, (value, *_) in fixed.items()}
         found = replace(self, fixed=fixed | dict(self.policies.get(policy, {})))
         _check_saving(found, "recipe")
@@ -139,7 +142,7 @@ class Recipe:
 
 
 def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
-    """Return a field of a framework's configuration: the value in the recipe file if there is one, otherwise a default.
+    """Return a field of a framework's configuration, with the value in the recipe file or a default value.
 
     Args:
         name: Name of the field in the framework.

@@ -1,4 +1,4 @@
-"""Setup for training with a recipe: files for the framework, settings with their sources, and manual checks."""
+"""Setup for training with a recipe: files and sourced settings for the framework, and manual checks."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Training:
 
     Attributes:
         recipe: Recipe to follow.
-        data: Data sets. There is more than one only if the framework can mix data sets.
+        data: Data sets. Several data sets require a framework that can mix them.
         gpus: Number of GPUs.
         weights: Initial weights; None for the weights that the framework publishes.
         policy: Policy type, for LeRobot.
@@ -92,7 +92,10 @@ class Training:
 
     @property
     def only_data(self) -> TrainingData:
-        """The data set, for frameworks that read only one. Raises InvalidInputError if there are several."""
+        """The only data set, for frameworks that cannot mix data sets.
+
+        Raises InvalidInputError if there are several.
+        """
         if len(self.data) != 1:
             raise InvalidInputError(
                 "--data",
@@ -199,7 +202,7 @@ def recorded_data(folder: Path) -> TrainingData:
     """Describe a data set that LeRobot recorded with an SO-101.
 
     Raises:
-        InvalidInputError: If the format version, the arm or the cameras differ from those of the protocol.
+        InvalidInputError: If the format version, the arm or the cameras differ from the protocol.
     """
     info = _read(folder / "meta/info.json", _RECORDED, cure=_RECORD_AGAIN)
     place = str(folder)
@@ -428,7 +431,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Describe how many samples are used for training and, if the data set is known, how many epochs these are."""
+    """Describe the number of samples used for training and, if the data set is known, the number of epochs."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

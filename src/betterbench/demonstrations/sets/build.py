@@ -1,7 +1,7 @@
 """Production of a training set: the demonstrations, their checks, and files derived from them.
 
-``OUT/recipe.json`` is the recipe, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the other
-files are derived from the records. ``OUT/dataset.json`` is written last and marks the set as complete.
+``OUT/recipe.json`` is the recipe. ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders. The other files
+are derived from their records. ``OUT/dataset.json`` is written last and marks the set as complete.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders in a training set: the expert demonstrations that are amplified, and the demonstrations of the set itself."""
+"""Folders in a training set: one for the expert demonstrations that are amplified, and one for the demonstrations of
+the set."""
 
 OnStage = Callable[[str, int, int, str], None]
 """Callback that receives the name of a stage, the number of finished items, the total number, and a note."""
@@ -50,12 +51,12 @@ class MadeDataset:
         command: Command that reproduces the set.
         demonstrations: Number of demonstrations.
         steps: Number of control steps.
-        missing: Number of planned initial states for which no demonstration was made, not even with a replacement.
+        missing: Number of planned initial states that have no demonstration, even after replacements.
         audit: Shortcut audit; None if no task has enough demonstrations.
         prediction: Predicted failures from the audit; None without an audit.
         pairs: Pairs of twins (demonstrations with the same initial state and different instructions).
-        variety: How much the demonstrations of each task differ.
-        sources: How much the source demonstrations of each task differ; empty if there are no sources.
+        variety: Variety of the demonstrations of each task.
+        sources: Variety of the source demonstrations of each task; empty if there are no sources.
     """
 
     path: Path
@@ -178,8 +179,7 @@ def _proven(
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
     """Check that each record lies within the training distribution.
 
-    Return the statistics of the set, the facts on which the shortcut audit is based, and the variety of the
-    demonstrations.
+    Return the statistics of the set, the facts for the shortcut audit, and the variety of the demonstrations.
     """
     numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}

@@ -49,8 +49,8 @@ class CardFacts:
 
     Attributes:
         sheets: For each task, the path of its picture relative to the card, or the reason why there is none.
-        variety: How much the demonstrations of each task differ.
-        sources: How much the source demonstrations of each task differ.
+        variety: Variety of the demonstrations of each task.
+        sources: Variety of the source demonstrations of each task.
     """
 
     sha256: str
@@ -122,7 +122,7 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
-    """Yield one section per task: picture, factors that vary independently of each other, and number of twins.
+    """Yield the lines of one section per task: picture, factors that vary independently, and number of pairs of twins.
 
     Twins are demonstrations with the same initial state and different instructions.
     """

@@ -93,7 +93,7 @@ class SetNumbers:
     def statistics(self) -> dict[str, Any]:
         """Return the normalization statistics of actions and states, over all training frames and for each task.
 
-        A frame is a state with the action that was taken in this state. Raises ValueError if there are no frames.
+        A frame is a state together with the action taken in this state. Raises ValueError if there are no frames.
         """
         return {
             "action": {"names": list(self._components), **_rounded(vector_stats(np.concatenate(self._actions)))},

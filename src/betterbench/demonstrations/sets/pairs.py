@@ -1,4 +1,4 @@
-"""Pairs of twins in a run: demonstrations with the same initial state and different instructions."""
+"""Pairs of twins in a run, which are demonstrations with the same initial state and different instructions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from betterbench.tasks.interventions.regimes import Regime, conditions_of
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
     """Yield the pairs of twins in a run in which conditions share their seeds, ordered by task, seed and condition.
 
-    The two demonstrations of a pair have the same initial state and different instructions. Demonstrations that were
-    accepted in attempts with different indices have different motion styles and do not form a pair.
+    The two demonstrations of a pair have the same initial state and different instructions. Demonstrations from
+    attempts with different indices do not form a pair, because they have different motion styles.
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):

@@ -26,7 +26,7 @@ class RegimeBounds:
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return which conditions of a task may be demonstrated in a set with the given training distribution."""
+        """Return the bounds for a set that demonstrates the given training distribution of a task."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -36,7 +36,7 @@ class RegimeBounds:
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
     """Check that a record demonstrates its training distribution and nothing outside of it.
 
-    Return the facts about the record that the shortcut audit needs.
+    Return the facts about the record for the shortcut audit.
 
     The initial state, the order of the subgoals, the grasps and the releases are computed from the recorded states.
 

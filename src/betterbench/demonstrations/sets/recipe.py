@@ -40,7 +40,8 @@ class SetRecipe:
             divided among its conditions.
         sources: Number of expert demonstrations per training condition that are amplified; 0 if the expert makes all
             demonstrations.
-        seed: First seed of the expert's demonstrations. The first seed of amplified demonstrations is computed from it.
+        seed: First seed of the expert's demonstrations. The first seed of amplified demonstrations is computed from
+            this seed.
         noise: Standard deviation of the noise on executed actions in amplified demonstrations, in action units.
         validation: Fraction of the seeds whose demonstrations are held out for validation.
         pairs: Whether conditions with the same scene share their seeds, so that their demonstrations form pairs of

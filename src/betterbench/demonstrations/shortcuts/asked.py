@@ -1,4 +1,4 @@
-"""Questions that a shortcut audit tested, and those that it could not test."""
+"""Questions that a shortcut audit tested, and questions that it could not test."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class AskedQuestion:
-    """Question of a shortcut audit, either tested or with the reason why it could not be tested.
+    """Question of a shortcut audit, which was either tested or has a reason why it could not be tested.
 
     Attributes:
         question: Question name.

@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 PERMUTATIONS = 9999
-"""Number of permutations per test. The smallest possible p-value is 1 / 10,000, which stays significant after
-correcting for a hundred tests.
+"""Number of permutations per test.
+
+The smallest possible p-value is 1 / 10,000, which is still significant after a correction for a hundred tests.
 """
 _CHUNK = 2_000_000
 """Maximum number of values that are permuted in one batch, to bound the memory."""
 
 _LOW_BITS = 11
-"""Number of low bits of a raw 64-bit draw that do not enter a random number in [0, 1)."""
+"""Number of low bits of a raw 64-bit draw that are not used for a random number in [0, 1)."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -45,7 +46,7 @@ class Association:
 
 
 def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
-    """Return, for each value, its index among the sorted distinct values. Also return the number of distinct values."""
+    """Return the index of each value among the sorted distinct values, and the number of distinct values."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
@@ -110,7 +111,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Like :func:`association`, but also returns the observed values and the result of every permutation."""
+    """Test two variables like :func:`association`, but also return the observed values and all permutations."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -177,7 +178,7 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Count how often each value of the first variable occurs with each value of the second in every permutation.
+    """Count the joint occurrences of the values of two variables in every permutation.
 
     Args:
         mixed: (rows, n) permuted codes of the first variable.
@@ -197,7 +198,7 @@ def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
 def counts_log_counts(n: int) -> _Floats:
     """Return c log2 c for each count c from 0 to n.
 
-    The entropy of a distribution of counts is computed from these terms.
+    These terms are used to compute the entropy of a distribution of counts.
     """
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
@@ -244,7 +245,7 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
-    """Like :func:`features_test`, but returns only the associations."""
+    """Test features like :func:`features_test`, but return only the associations."""
     return features_test(presence, outcome, draw)[0]
 
 
@@ -285,7 +286,8 @@ def features_test(
         """
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
-            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)  # sums of ones are exact
+            # Sums of ones are exact in float32.
+            joint = ((labels == label).astype(np.float32) @ has).astype(np.int32)
             both += terms[label].take(joint)
         found: _Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found

@@ -70,18 +70,23 @@ ALPHA = 0.05
 In data sets recorded with betterbench, whose states are known, questions about word pairs and complete instructions are
 corrected as a separate family."""
 STRONG = 0.5
-"""Minimum strength of a reported finding. At this strength, one variable removes half of the other's uncertainty.
+"""Minimum strength of a reported finding.
+
+At this strength, knowing one variable removes half of the other variable's uncertainty.
 
 A weaker finding is reported if a single value, such as a word, always occurs with the same other value. It is also
-reported if two words or a complete instruction remove half of the uncertainty that remains once the single words are
+reported if two words or a complete instruction remove half of the uncertainty that remains when the single words are
 known.
 """
 RARE = 0.05
-"""Fraction of the demonstrations below which a value counts as absent from the data."""
+"""Minimum fraction of the demonstrations that must have a value.
+
+A less frequent value counts as absent from the data.
+"""
 FEWEST = 8
 """Minimum number of demonstrations in an audited group."""
 NEARLY_ALWAYS = 0.9
-"""Fraction of an outcome's uncertainty that a word must remove to count as determining the outcome."""
+"""Minimum fraction of an outcome's uncertainty that a word must remove to count as determining the outcome."""
 MOST_LINES = 8
 MOST_WORDS = 1000
 """Maximum number of tested words per group.
@@ -103,7 +108,7 @@ such as the meaning of a word. "none" means that no association was both signifi
 """
 
 Rules = Mapping[str, Counter[str]]
-"""Counts of how often each second value occurs with each first value."""
+"""Number of observations of each second value, for each first value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,12 +177,12 @@ class GroupAudit:
 
     @property
     def not_shown(self) -> tuple[SmallestRule, ...]:
-        """Questions for which even a strong rule could have been missed, because there are too few demonstrations."""
+        """Questions with too few demonstrations, so that even a strong rule could have been missed."""
         return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
-        """Findings about rules that a policy could follow and that do not hold in some variation."""
+        """Findings about rules that a policy could follow although they do not hold in some variation."""
         return tuple(f for f in self.findings if f.verdict == "shortcut")
 
 
@@ -260,12 +265,12 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Group of demonstrations, with the findings and the questions that they answer.
+    """Group of demonstrations, with its questions and findings.
 
     Attributes:
         pairs: Questions about pairs of words.
-        planted: One entry for each question with a permutation test. Artificial rules are planted in its data to
-            determine the smallest rule that the test would detect.
+        planted: One entry for each question with a permutation test. Artificial rules are planted in the data of the
+            question to determine the smallest rule that the test would detect.
         asked: Tested and untested questions.
     """
 
@@ -359,7 +364,7 @@ class _Said:
 
 
 def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
-    """Return the words that occur in at least two demonstrations and are absent from at least two.
+    """Return the words that occur in at least two demonstrations and are absent from at least two demonstrations.
 
     If there are too many such words, the least informative words are left out, and ``notes`` gets a remark about this.
     """
@@ -408,7 +413,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
     if outcome.is_place or not _picking_words(known):
         raw += _answers_about_single_words(group, outcome, said, outcomes)
         raw += _answers_about_pairs(group, outcome, said, outcomes)
-    else:  # words that name these objects determine the outcome by their meaning, so they cannot be shortcuts
+    else:  # words that name the picked objects determine the outcome by their meaning, so they are not shortcuts
         for level in (WORDS, PAIRS):
             question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
             group.asked.append(question)
@@ -522,7 +527,7 @@ def _answers_about_instructions(
 
 
 def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
-    """For each instruction, return the words that determine the outcome by their meaning, joined into one string.
+    """Return the words of each instruction that determine the outcome by their meaning, joined into one string.
 
     If the outcome is a place, these are the words that name places. If the outcome is the order in which objects are
     moved, these are the words that name objects, in the order in which they appear in the instruction.
@@ -543,7 +548,7 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
     """Return the association between an outcome and the presence of both words of a pair.
 
-    The p-value was computed earlier, together with those of the other word pairs.
+    The p-value was computed earlier, together with the p-values of the other word pairs.
     """
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
@@ -589,14 +594,14 @@ def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
 
 
 _STRONG_SHARE = 0.8
-"""Fraction of the demonstrations that follow a rule of strength :data:`STRONG` while the others are random. It holds
-for two equally frequent words and two equally frequent places, and is rounded to multiples of one over
-:data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`.
+"""Fraction of the demonstrations that a rule of strength :data:`STRONG` determines, while the other demonstrations are
+random. The value is computed for two equally frequent words and two equally frequent places, and rounded to a multiple
+of 1 / :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`.
 """
 
 
 def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
-    """Return, for each question of a group, the smallest rule that the audit would detect.
+    """Return the smallest rule that the audit would detect, for each question of a group.
 
     The significance level is corrected for the number of tests in the question's family.
     """
@@ -619,8 +624,9 @@ def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule
 def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     """Return the smallest fraction of the demonstrations at which the audit detects a rule about two words.
 
-    This is the fraction of the demonstrations in which the rule determines the outcome. Both words are assumed to occur
-    in half of the demonstrations. Return None if there are too few demonstrations for any such rule to be detected.
+    The rule determines the outcome in this fraction of the demonstrations, and the outcome is random in the others.
+    Both words are assumed to occur in half of the demonstrations. Return None if there are too few demonstrations for
+    any such rule to be detected.
     """
     if asked.n // 4 < FEWEST:
         return None
@@ -635,7 +641,8 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
     """Return findings about properties that never change in the data.
 
-    These are the slot of a landmark, the number of objects at the start, and the place where the gripper first closes.
+    The properties are the slot of a landmark, the number of objects at the start, and the place where the gripper first
+    closes.
     """
     raw = []
     slots: dict[str, Counter[str]] = {}
@@ -713,7 +720,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
     """Set the verdict "none" for findings about runs of characters that overlap the run of a stronger finding.
 
     In a script without spaces, runs of characters are tested instead of words. Parts of a word and longer runs that
-    contain the word have similar associations, so only the strongest of them is kept.
+    contain the word have similar associations, so only the strongest finding is kept.
     """
     verdicts = [finding.verdict for finding in findings]
     ranked = sorted(
@@ -734,7 +741,7 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
 
 
 def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
-    """Return whether each part in ``those`` matches a different part in ``these``, with at least one overlapping match.
+    """Return whether each part in ``those`` matches a different part in ``these``, including at least one overlap.
 
     Two parts match if they share a word, or if a word of one part contains a word of the other (``overlapping``).
     """
@@ -758,7 +765,7 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
 def _counts(raw: _Raw, p_value: float | None) -> bool:
     """Return whether a finding is reported.
 
-    It must be significant. It must also be strong, or certain (see ``certain`` in :class:`_Raw`).
+    A reported finding is significant. It is also strong, or certain (see ``certain`` in :class:`_Raw`).
     """
     if p_value is not None and p_value > ALPHA:
         return False

@@ -2,7 +2,7 @@
 
 The facts of a demonstration are its instruction, the moved objects with their origins and targets, and the initial
 layout. They are computed from the states of a record or from the specification of a condition. For an external data
-set, they are computed from instructions, actions and proprioception. In this case the objects have no names, and places
+set, they are computed from instructions, actions and proprioception. In this case, objects have no names, and places
 are named by their positions.
 """
 
@@ -28,7 +28,7 @@ HANDLED_ROLES = ("item", "distractor")
 """Roles of loose objects on the table. All other objects are landmarks."""
 
 SET_OUT_M = 0.05
-"""Horizontal distance from the start at which the first direction of the tool is determined [m]."""
+"""Horizontal distance from the start at which the initial direction of the tool is determined [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
 """Directions relative to the robot, counterclockwise when seen from above.
 
@@ -61,12 +61,12 @@ class EpisodeFacts:
 
     Attributes:
         episode: Episode name.
-        group: Group in which demonstrations are compared, usually the task.
+        group: Group of demonstrations that are compared with each other, usually the task.
         instruction: Instruction of the demonstration.
         steps: Manipulation steps, in order of time.
         standing: Kind and slot of every loose object on the table at the start.
         landmarks: Kind and slot of every object that cannot be picked.
-        heading: Direction in which the gripper moves first; "" if unknown.
+        heading: Initial direction of the gripper; "" if unknown.
     """
 
     episode: str
@@ -143,7 +143,7 @@ def facts_of_condition(condition: Condition) -> EpisodeFacts:
 
 
 def heading_of(positions: npt.NDArray[np.float64]) -> str:
-    """Return the direction in which a tool moves first, as one of :data:`HEADINGS`. Return "" if it moves too little.
+    """Return the initial direction of a tool, as one of :data:`HEADINGS`, or "" if the tool moves too little.
 
     Args:
         positions: (T, 3) positions of the tool [m].

@@ -1,4 +1,4 @@
-"""Detect when a gripper closes and opens, and which end of its range means "closed"."""
+"""Detection of closings and openings of a gripper, and of the end of its range that means "closed"."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from betterbench.errors import InvalidInputError
 SHORTEST_S = 0.3
 """Minimum duration of a closed or open phase [s]. Shorter commands by teleoperators are not grasps."""
 AGREEING = 0.9
-"""An end of the range counts as open if at least this fraction of the episodes begin there."""
+"""Minimum fraction of the episodes that must begin at one end of the range for this end to count as open."""
 WIDTH_M = (0.005, 0.15)
-"""Smallest range and largest value of gripper values that are interpreted as widths in meters [m]."""
+"""Minimum range and maximum value of gripper values that are interpreted as widths in meters [m]."""
 IDLE_SHARE = 0.1
-"""Threshold below which the motion of a gripper counts as noise of an idle arm.
+"""Minimum range of a gripper's values. A smaller range counts as noise of an idle arm.
 
-It is the gripper's range as a fraction of the largest range of any gripper in the same column.
+The range is given as a fraction of the largest range of any gripper in the same column.
 """
 _BETWEEN = 0.1
-"""A gripper switches between two positions if less than this fraction of frames is in the middle third of its range."""
+"""Maximum fraction of frames in the middle third of the range of a gripper that switches between two positions."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """Range of a gripper's values, the threshold between open and closed, and which end of the range is closed.
+    """Range of a gripper's values, the threshold between open and closed, and the closed end of the range.
 
     Attributes:
         low: Smallest value, without the lowest 1 %.
@@ -73,18 +73,18 @@ class Still:
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
     """Find the grippers that never move. Their values are constant, or vary only by the noise of an idle arm.
 
-    Values are recognized as noise by comparison with another gripper. It must be in the same column, or in a column
-    whose name differs only in the side (left or right). The values are noise in two cases. First, their range is less
-    than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions is an exception,
-    because its values may just have a different unit. Second, their range is smaller than the other gripper's range,
-    and they change faster than a gripper can move.
+    Values are recognized as noise by comparison with another gripper. The other gripper must be in the same column, or
+    in a column whose name differs only in the side (left or right). The values are noise in two cases. First, their
+    range is less than :data:`IDLE_SHARE` of the other gripper's range. A gripper that switches between two positions is
+    an exception, because its values may just have a different unit. Second, their range is smaller than the other
+    gripper's range, and they change faster than a gripper can move.
 
     Args:
         grips: Each gripper with its values (T,) by episode.
         shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
 
     Returns:
-        For each gripper, its range if it never moves, and None if it moves.
+        The range of each gripper that never moves, and None for each gripper that moves.
     """
     ends = [_ends(np.concatenate(episodes)) for _, episodes in grips]
     found: list[Still | None] = []
@@ -132,8 +132,8 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
 
     The closed end is inferred from the gripper's name ("width", "closed") and from values that look like widths in
     meters. If neither of them gives an answer, it is inferred from LeRobot's convention for ``gripper.pos`` (0 closed,
-    100 open) and from the values at the beginning of the episodes. In both cases, the two sources must not contradict
-    each other.
+    100 open) and from the values at the beginning of the episodes. The two sources used in either step must not
+    contradict each other.
 
     Args:
         grip: The gripper.
@@ -183,7 +183,7 @@ def _cure(side: str) -> str:
 def _width(low: float, high: float) -> tuple[str, str] | None:
     """Return "low" as the closed end, with the reason, if the values look like widths in meters.
 
-    Return None otherwise.
+    Return None for other values.
     """
     least, most = WIDTH_M
     ok = high <= most and low >= -0.01 and high - low >= least
@@ -206,7 +206,7 @@ def _between(values: _Floats, low: float, high: float) -> float:
         spread = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
     spread = np.nan_to_num(spread, nan=0.0)
     best = np.flatnonzero(spread >= spread.max() * (1.0 - 1e-9))
-    cut = float(edges[1:-1][best].mean())  # if several thresholds are equally good because of a gap, use its center
+    cut = float(edges[1:-1][best].mean())  # if all thresholds in a gap are equally good, use the center of the gap
     return min(max(cut, low + 0.25 * (high - low)), low + 0.75 * (high - low))
 
 

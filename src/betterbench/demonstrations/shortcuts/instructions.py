@@ -1,8 +1,8 @@
-"""Test whether complete instructions predict an outcome better than their single words and word pairs.
+"""Test of whether complete instructions predict an outcome better than their single words and word pairs.
 
 An outcome may depend on three or more words together, or on two words that occur together in too few demonstrations to
-be tested as a pair. Both cases are covered by testing complete instructions. To avoid reporting a rule twice,
-demonstrations are only compared if they agree in the words for which an association was already found.
+be tested as a pair. Testing complete instructions covers both cases. To avoid reporting a rule twice, demonstrations
+are only compared if they agree in the words for which an association was already found.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
 
 FEWEST_SAID = 2
-"""Minimum number of demonstrations per instruction. An instruction that occurs only once is not informative."""
+"""Minimum number of demonstrations per instruction, because an instruction that occurs only once is not informative."""
 
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
@@ -31,8 +31,8 @@ class WholeTest:
         test: Association of the complete instruction with the outcome in all compared demonstrations, used to compute
             the smallest rule that the test would detect.
         beyond: Association among demonstrations that agree in the words for which an association was already found.
-        share_told: Fraction of wrong guesses avoided by guessing the outcome from the complete instruction, compared
-            with guessing it from those words.
+        share_told: Fraction of wrong guesses that are avoided if the outcome is guessed from the complete instruction
+            instead of these words.
         rows: Indices of the demonstrations that were compared.
         instructions: Number of distinct instructions among them.
     """
@@ -52,8 +52,7 @@ def whole_test(
     Args:
         instructions: Instruction of each demonstration.
         outcomes: Outcome of each demonstration.
-        known: For each demonstration, a string of the words in its instruction for which an association was already
-            found.
+        known: Words in each demonstration's instruction for which an association was already found, as a string.
         draw: Random generator of the permutations.
     """
     times = Counter(instructions)

@@ -1,8 +1,8 @@
 """Facts about the demonstrations in an external LeRobot data set (versions 2.0 to 3.0).
 
-The facts come from instructions, actions and proprioception, since these data sets contain no simulator state. Objects
-therefore have no names, and places are the points at which a gripper closes or opens. The columns with the instruction,
-the gripper and the position are recognized by name. A data set is rejected if its names are ambiguous.
+The facts are computed from instructions, actions and proprioception, because these data sets contain no simulator
+state. Objects therefore have no names, and places are the points at which a gripper closes or opens. The columns with
+the instruction, the gripper and the position are recognized by name. A data set is rejected if its names are ambiguous.
 :class:`DataReading` lists the chosen columns.
 """
 
@@ -46,13 +46,12 @@ from betterbench.json_form import parse_json, read_bounded
 MOST_NUMBER = 1e6
 """Maximum absolute value in a state or an action.
 
-Values in meters, radians and degrees are far smaller, as are values in millimeters and encoder ticks (4,096 to 65,536
-per turn).
+Values in meters, radians, degrees, millimeters and encoder ticks (4,096 to 65,536 per turn) are far smaller.
 """
 NOT_FINITE = "a number that is not finite"
 BEYOND = f"a number with an absolute value above {MOST_NUMBER:,.0f}"
 MOST_EPISODES = 5000
-"""Maximum number of episodes to read. More would cost time without making the tests more conclusive."""
+"""Maximum number of episodes to read. More episodes would take time without making the tests more conclusive."""
 USUAL_FPS = 10.0
 _MOST_FPS = 1e4
 _MOST_COUNT = 10**9
@@ -78,7 +77,7 @@ class Choices:
     Attributes:
         instruction: Column with the instruction, either in the frames or in the tasks file.
         grippers: Names of the gripper components, one per arm.
-        places: Names of the position components, with the same number of components for each gripper.
+        places: Names of the position components. Each gripper has the same number of components.
         closed: The closed end of the gripper's range.
         seed: Seed for drawing the sample if there are more than :data:`MOST_EPISODES` episodes.
     """
@@ -112,7 +111,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     """Return the facts about each episode of a LeRobot data set.
 
     If the instruction changes within an episode, the episode is split into segments, and there are separate facts about
-    each segment. With two arms, there is one group of facts per arm, and another group that states which arm closes its
+    each segment. With two arms, there is one group of facts per arm, and another group with the arm that closes its
     gripper first.
 
     Args:
@@ -299,7 +298,7 @@ class _Scanned:
 
     @property
     def there(self) -> int:
-        """Number of episodes in the files, including unusable ones."""
+        """Number of episodes in the files, including unusable episodes."""
         return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
@@ -371,7 +370,7 @@ def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
     """Draw a random sample of at most :data:`MOST_EPISODES` episodes.
 
-    The instructions occur in the sample in the same proportions as in the data set.
+    The sample contains the instructions in the same proportions as the data set.
     """
     if len(episodes) <= MOST_EPISODES:
         return list(episodes)
@@ -483,7 +482,7 @@ class _Arm:
     Attributes:
         grip: Gripper component of the arm.
         place: Position components of the arm.
-        jaws: Range of the gripper's values, and which end of it is closed.
+        jaws: Range of the gripper's values, and its closed end.
         closings: For each episode, the rows in which the gripper closes.
         openings: For each episode, the rows in which the gripper opens.
         share_closed: Fraction of all rows in which the gripper is closed.
@@ -509,7 +508,7 @@ class _Arm:
 
         Args:
             chosen: Gripper and position components of the arm.
-            jaws: Range of the gripper's values, and which end of it is closed.
+            jaws: Range of the gripper's values, and its closed end.
             episodes: Values of all episodes.
             shortest: Minimum number of consecutive rows for which a gripper must be closed or open.
         """
@@ -587,7 +586,7 @@ def _name(episode: _Episode, begin: int) -> str:
 
 
 def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
-    """For each segment of an episode with a constant instruction, yield which arm closes its gripper first."""
+    """Yield the arm that closes its gripper first, for each segment of an episode with a constant instruction."""
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
             closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
@@ -597,7 +596,7 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """The data that were read and the choices that were made. They are reported in the description of the data set.
+    """Data that were read and choices that were made, for the description of the data set.
 
     Attributes:
         still: Grippers that never move, each with the evidence.
@@ -648,7 +647,7 @@ def _reading(read: _Read) -> DataReading:
 
 
 def _about(scanned: _Scanned) -> Iterator[str]:
-    """Yield sentences on how the frames had to be sorted or joined."""
+    """Yield sentences about the sorting and joining of frames."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = (
             f"by episode_index and {key}"

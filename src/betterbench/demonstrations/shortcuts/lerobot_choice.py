@@ -24,7 +24,7 @@ MOST_SHOWN = 8
 STEPS = "+"
 """Prefix of a ``--place`` component that is a displacement per step.
 
-Positions are then the sums of the displacements.
+The positions are the sums of these displacements.
 """
 
 _ACTIONS = ("action", "actions")
@@ -73,7 +73,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Component that measures how far the gripper of an arm is closed, with the reason why it was chosen."""
+    """Component that measures the gripper opening of an arm, with the reason for choosing this component."""
 
     arm: str
     number: NamedNumber
@@ -82,7 +82,7 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """Components of an arm's position, with the reason why they were chosen.
+    """Components of an arm's position, with the source of their names.
 
     Attributes:
         arm: Name of the arm; "" if unknown.
@@ -141,7 +141,7 @@ def _arm(number: NamedNumber) -> str:
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
-    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two.
+    """Return the grippers in a column, one per arm. Raises InvalidInputError if an arm has two grippers.
 
     Args:
         columns: Components of the data set.
@@ -216,11 +216,11 @@ def _span(count: int) -> str:
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
     """Choose the position components of each arm.
 
-    If the user does not specify them, the position of the end effector is used. If the data set does not contain this
+    If the user does not specify any, the position of the end effector is used. If the data set does not contain this
     position, the joint angles are used.
 
     Raises:
-        InvalidInputError: If an arm has no position components, or more than one set of them.
+        InvalidInputError: If an arm has no position components, or several sets of position components.
         UnknownNameError: If a component named by the user does not exist.
     """
     if named:
@@ -276,7 +276,7 @@ def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
-    """Return the arm that a gripper belongs to, among the arms with position components in a column.
+    """Return the arm of a gripper, chosen from the arms with position components in a column.
 
     The result is a tuple with one name. It is empty if the column has no such components, or if the choice is
     ambiguous.
@@ -319,7 +319,7 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     """Use all components of a state column as the position.
 
-    They must have no names, and there must be a single gripper.
+    The components must have no names, and there must be a single gripper.
 
     Raises InvalidInputError if there are several grippers, if some components have names, or if there is no state
     column.
@@ -349,7 +349,7 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
 
 
 def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
-    """Return which end of a gripper's range is closed (``low`` or ``high``) according to its name, and the reason.
+    """Return the closed end of a gripper's range (``low`` or ``high``) according to the gripper's name, and the reason.
 
     Return None if the name does not imply either end.
     """

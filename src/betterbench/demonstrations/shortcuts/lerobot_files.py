@@ -1,7 +1,7 @@
 """Reader for the files of LeRobot data sets (versions 2.0 to 3.0): description, instructions and frames.
 
-The file layout is that of huggingface/lerobot 0.4. The files are untrusted: their sizes are checked before they are
-read, named pipes are rejected, and Git LFS pointers are reported.
+The file layout follows huggingface/lerobot 0.4. The files are untrusted: their sizes are checked before they are read,
+named pipes are rejected, and Git LFS pointers are reported.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ MOST_BYTES = 8 << 30
 MOST_TASKS = 1_000_000
 """Maximum number of instructions in a data set."""
 MOST_TEXT = 2_000
-"""Number of characters after which an instruction is cut off."""
+"""Maximum length of an instruction [characters]. Longer instructions are truncated."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _HAS_DIGITS = "set_int_max_str_digits"
 """Part of Python's error message about integers with too many digits.
 
-The message is replaced, because its advice to change an interpreter setting does not help the user.
+The message is replaced, because its advice to change a setting of the interpreter does not help the user.
 """
 _TOO_LONG = "it contains an integer of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
-"""Columns of ``tasks.parquet`` that may contain the instruction. The first of them that exists is used."""
+"""Columns of ``tasks.parquet`` that may contain the instruction. The first existing column is used."""
 
 FrameColumn = pa.ChunkedArray
 """Column of a frame file."""
@@ -141,7 +141,7 @@ def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
 
 @contextmanager
 def _one_line(where: Path) -> Iterator[None]:
-    """Context manager that raises RecordError with a one-line message if the instructions cannot be read."""
+    """Return a context manager that raises RecordError with a one-line message if the instructions cannot be read."""
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
@@ -185,7 +185,7 @@ def _json_rows(file: Path) -> dict[str, list[Any]]:
 
 
 def _objects(text: str) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects in a string. They are either written one after the other or in a list."""
+    """Yield the JSON objects in a string. The objects are written either one after the other or in a list."""
     decoder, at = json.JSONDecoder(), 0
     if text.lstrip()[:1] == "[":
         found = parse_json(text)
@@ -355,7 +355,7 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
 
 
 def numbers_in(file: Path, name: str, column: pa.ChunkedArray, width: int) -> _Floats:
-    """Return a column as numbers: an array of shape (rows,) if ``width`` is 1, otherwise (rows, width).
+    """Return a column as numbers: an array of shape (rows,) if ``width`` is 1, or else of shape (rows, width).
 
     Raises RecordError if the column does not have ``width`` numbers in every row.
     """

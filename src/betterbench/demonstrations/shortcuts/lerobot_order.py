@@ -20,7 +20,7 @@ from betterbench.demonstrations.shortcuts.lerobot_files import (
 from betterbench.errors import RecordError
 
 _KEYS = ("frame_index", "timestamp")
-"""Columns that may contain the order of the frames in an episode. The first of them that exists is used."""
+"""Columns that may contain the order of the frames in an episode. The first existing column is used."""
 _MOST_INDEX = 2**53
 
 ScalarT = TypeVar("ScalarT", bound=np.generic)
@@ -48,7 +48,7 @@ class FileOrder:
 
     @classmethod
     def of(cls, file: Path) -> FileOrder:
-        """Determine how the rows of a file are sorted. Raises RecordError if the columns cannot be read."""
+        """Determine the order of the rows in a file. Raises RecordError if the columns cannot be read."""
         names = column_names(file)
         keys = [key for key in _KEYS if key in names]
         columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
@@ -113,7 +113,7 @@ _CURE = "Fetch the files again, or remove the duplicate rows"
 
 
 def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
-    """Return the order in which the parts of an episode follow each other in time, as indices of ``parts``.
+    """Return the temporal order of the parts of an episode, as indices of ``parts``.
 
     Raises RecordError if two parts overlap in time.
     """

@@ -1,8 +1,8 @@
-"""Recognize by name what a component of an external data set measures, such as a gripper, a position or a joint.
+"""Detection of the quantity that a component of an external data set measures, based on the component's name.
 
 The name of a component is taken from ``meta/modality.json``, ``meta/info.json``, or the name of its column, in this
-order. The position of a component in its vector is not used, because the last component is not always the gripper; it
-may belong to a waist or a thumb.
+order. The index of a component in its vector is not used, because the last component is not always the gripper. It may
+belong to a waist or a thumb.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def arm_in(name: str) -> str:
 def size_of(feature: object) -> int:
     """Return the number of components in a column.
 
-    Return 0 for images, texts, integers, and arrays with more than one axis, since they are not vectors of
+    Return 0 for images, texts, integers, and arrays with more than one axis, because they are not vectors of
     measurements.
     """
     if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
@@ -192,7 +192,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
     for i, number in enumerate(numbers):
         found = [sets[level][i] for level in range(len(number.labels))]
         said = [(kind, by) for kind, by in zip(found, number.by, strict=True) if kind]
-        # A gripper at the end of a slice such as "left_arm" is recognized by its own name.
+        # A gripper at the end of a range such as "left_arm" is recognized by its own name.
         named = next((one for one in said if one[0] == "gripper" and said[0][0] == "joint"), None)
         kind, by = named or (said[0] if said else ("", ""))
         arm = next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
@@ -201,7 +201,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return the kind of each component, as implied by the component names that come from one file.
+    """Return the kind of each component, as implied by the names in one file.
 
     Args:
         numbers: Components of a column.
@@ -249,9 +249,9 @@ def _kind(label: str) -> str:
 
 
 def find_column(option: str, name: str, known: Iterable[str]) -> str:
-    """Return the name of a column that the user gave for an option.
+    """Return the column name that the user passed to an option.
 
-    If there is no such column, raise an UnknownNameError that suggests similar names.
+    If this column does not exist, raise an UnknownNameError that suggests similar names.
     """
     columns = list(known)
     if name not in columns:
@@ -260,7 +260,7 @@ def find_column(option: str, name: str, known: Iterable[str]) -> str:
 
 
 def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNumber]]) -> tuple[NamedNumber, ...]:
-    """Return the components that the user wrote as ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
+    """Return the components that the user specified as ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
 
     Raises:
         UnknownNameError: If the column or the name does not exist.

@@ -1,4 +1,4 @@
-"""Shortcut audit and predicted failures as Markdown."""
+"""Shortcut audit and predicted failures, formatted as Markdown."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _cells(f: Finding) -> tuple[str, ...]:
 def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
     """Return a warning that variations for which no shortcut was found may fail too. Return "" if it does not apply.
 
-    The warning applies if the data have too few demonstrations for every strong rule to be found.
+    The warning applies if there are too few demonstrations to find every strong rule.
     """
     safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
     unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}

@@ -23,17 +23,17 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class WordPair:
-    """Two features that are associated with an outcome if they occur together. A feature is the presence of a word.
+    """Two features that are associated with an outcome when they occur together. A feature is the presence of a word.
 
     Attributes:
         first: Index of the first feature.
         second: Index of the second feature.
         outcome: Index of the most frequent outcome among episodes with both features.
         p_value: The larger p-value of two exact tests. Each test takes the episodes with one of the features, and
-            compares how frequent the outcome is with and without the other feature. The p-value is corrected for the
+            compares the frequency of the outcome with and without the other feature. The p-value is corrected for the
             number of outcomes, and by Holm's method (1979) for the number of pairs.
-        gain: How much the second feature helps to predict the outcome if the first is known: the increase of the
-            outcome's frequency, as a fraction of the largest possible increase.
+        gain: Increase of the outcome's frequency when the second feature is added to the first, as a fraction of the
+            largest possible increase.
     """
 
     first: int
@@ -46,11 +46,11 @@ class WordPair:
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
     """Test all pairs of features that occur together often enough. Return the pairs in order of increasing p-value.
 
-    If a feature occurs in exactly the episodes that have two other features, it is left out, because it is equivalent
-    to the pair of these features.
+    A feature that occurs in exactly the episodes with two other features is left out, because it is equivalent to this
+    pair of features.
 
     Args:
-        presence: (episodes, features) mask of the features that each episode has.
+        presence: (episodes, features) mask of the features in each episode.
         outcome: (episodes,) index of each episode's outcome, from 0.
         fewest: Minimum number of episodes with both features of a pair.
     """

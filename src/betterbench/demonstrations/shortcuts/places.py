@@ -9,18 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 GAP_SHARE = 0.08
-"""An axis is split into cells at gaps between neighboring values that are larger than this fraction of the longest
-axis's range.
+"""Minimum gap between values at which an axis is split into cells, as a fraction of the longest axis's range.
 """
 NARROW_SHARE = 0.2
-"""An axis is only split into cells if its range is larger than this fraction of the longest axis's range."""
+"""Minimum range of an axis that is split into cells, as a fraction of the longest axis's range."""
 LEAST_SHARE = 0.05
-"""Minimum fraction of all points in a cell."""
+"""Minimum fraction of all points that a cell must contain."""
 CELLS = 3
 """Number of cells along an axis without gaps. The cells contain equal numbers of points."""
 SET_OUT_SHARE = 0.1
-"""Distance from the start at which the first direction of the tool is determined, as a fraction of the range of
-positions.
+"""Distance from the start for determining the tool's initial direction, as a fraction of the range of positions.
 """
 DIRECTIONS = 8
 _MOST_POINTS = 200_000
@@ -35,7 +33,8 @@ def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
     middle = used.mean(axis=0)
     _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
     strongest = np.abs(ways).argmax(axis=1)[:, None]
-    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))  # the sign of a direction is arbitrary
+    # The signs of the directions are arbitrary, so they are fixed here.
+    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))
     if len(ways) < 2:
         ways = np.vstack([ways, np.zeros((2 - len(ways), points.shape[1]))])
     return middle, ways[:2]
@@ -52,7 +51,7 @@ def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
 
     Args:
         points: Points (d,), where d is 2 or 3. The third coordinate (height) is only split where there is a gap.
-        exact: Whether the points are positions. Otherwise, their two principal components are used.
+        exact: Whether the points are positions. If not, their two principal components are used.
     """
     if not points:
         return []

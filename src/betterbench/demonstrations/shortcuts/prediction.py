@@ -1,7 +1,7 @@
-"""Predict, before training, which variations a policy trained on a data set will fail.
+"""Prediction, before training, of the variations that a policy trained on a data set will fail.
 
-The prediction depends only on the shortcut audit. The risk of a variation increases with the number and strength of the
-rules that do not hold in the variation. A variation in which all rules hold has no predicted risk.
+The prediction depends only on the shortcut audit. The risk of a variation increases with the number and the strength of
+the rules that do not hold in it. A variation in which all rules hold has no predicted risk.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ WEIGHTS = {
 """Assumed probability that a policy follows a rule of full strength, by question. These values were not measured.
 
 Rules about two words or complete instructions have the same weight as rules about single words. A rule about the picked
-object decides the complete trial, whereas a rule about other objects rarely matters.
+object determines the complete trial, whereas a rule about other objects rarely has an effect.
 """
 
 _LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
@@ -78,7 +78,7 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""Failure labels of a policy that follows a rule, by question, most likely label first.
+"""Failure labels of a policy that follows a rule, by question, starting with the most likely label.
 
 For each variation, only labels that are possible in the variation are used.
 """
@@ -116,7 +116,7 @@ class Forecast:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Variations of a data set's tasks, ranked by their risk of failure.
+    """Predicted failures: the variations of a data set's tasks, ranked by their risk of failure.
 
     Attributes:
         source: Name of the audited data set.
@@ -160,7 +160,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Predict, for all audited tasks, which variations a policy trained on the data set will fail.
+    """Predict the variations of all audited tasks that a policy trained on the data set will fail.
 
     Raises InvalidInputError if no audited group is a known task.
     """

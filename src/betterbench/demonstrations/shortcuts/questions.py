@@ -14,12 +14,13 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question of whether a policy could infer one variable from another.
+    """Question whether a policy could infer one variable from another.
 
     Attributes:
         name: Name that identifies the question in JSON files.
         title: The question in words.
-        rule: Text of a finding, with the first value as ``{x}`` and the second (inferred) value as ``{y}``.
+        rule: Template for the text of a finding. ``{x}`` is the first value, and ``{y}`` is the second (inferred)
+            value.
         pairs: Function that returns the observations (pairs of values) in a demonstration. Its second argument is the
             set of object kinds that are picked in any demonstration; None means all kinds.
         within: Whether the test permutes values within a demonstration instead of between demonstrations.
@@ -110,7 +111,7 @@ class WordOutcome:
     Attributes:
         name: Name of the question about single words.
         what: Description of the property.
-        rule: Text of a finding, with the value of the property as ``{y}``.
+        rule: Template for the text of a finding. ``{y}`` is the value of the property.
         of: Function that returns the value of the property for a demonstration, or "" if the demonstration has none.
         missing: Reason to report if no demonstration has the property.
         is_place: Whether the property is a place, a direction or a side, so that a word such as "left" may refer to it.
@@ -141,9 +142,10 @@ class WordOutcome:
 
 
 def _arm(facts: EpisodeFacts) -> str:
-    """Return the arm that acts first, or "" for facts about anything else.
+    """Return the arm that acts first, or "" for facts about other subjects.
 
-    Facts about which arm acts first store the arm in place of an object, and their steps have no places.
+    Facts about the arm that acts first contain the name of the arm instead of an object, and their steps have no
+    places.
     """
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
@@ -152,7 +154,8 @@ def _arm(facts: EpisodeFacts) -> str:
 def _is_named(facts: EpisodeFacts) -> bool:
     """Return whether the objects have names.
 
-    In facts about which arm acts first, they have none, since the names of arms are stored in place of objects.
+    Facts about the arm that acts first contain names of arms instead of objects, so the result is False for these
+    facts.
     """
     return facts.privileged or any(step.thing and step.origin for step in facts.steps)
 
@@ -160,7 +163,7 @@ def _is_named(facts: EpisodeFacts) -> bool:
 def _first_object(facts: EpisodeFacts) -> str:
     """Return the first picked object.
 
-    Return "" if only one object is picked and the instruction names it, since the outcome is then certain.
+    Return "" if only one object is picked and the instruction names it, because the outcome is then certain.
     """
     taken = [step for step in facts.steps if step.thing and step.origin]
     several = len({step.thing for step in taken}) > 1
@@ -177,13 +180,14 @@ def _sequence(facts: EpisodeFacts) -> str:
 COUNT, LANDMARK = "count", "landmark"
 """Names of the questions about constants: the initial number of objects, and the slot of a landmark.
 
-A constant is not an association, so there is no test for it.
+There is no test for these questions, because a constant is not an association.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
 FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
-"""Names of the questions about the words of the instruction. Their outcomes are, in this order, the place where the
-gripper first closes, the place where it last opens, its first direction, the first picked object, the order of the
-picked objects, and the arm that acts first.
+"""Names of the questions about the words of the instruction.
+
+Their outcomes are, in this order, the place where the gripper first closes, the place where it last opens, its first
+direction, the first picked object, the order of the picked objects, and the arm that acts first.
 """
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"

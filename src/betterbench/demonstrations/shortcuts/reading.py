@@ -10,7 +10,7 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Source and range of a gripper's values, and which end of the range is closed.
+    """Source and range of a gripper's values, and the closed end of the range.
 
     Attributes:
         arm: Arm of the gripper; "" if there is only one arm.
@@ -58,8 +58,8 @@ class DataReading:
         of: Number of episodes that the data set declares.
         observations: Description of the segments if the audit compares segments with one instruction each; "" if it
             compares complete episodes.
-        instruction: Source of the instructions, and their number.
-        grippers: One entry per arm; empty for records of betterbench, in which the states show the grasps.
+        instruction: Source of the instructions, and number of different instructions.
+        grippers: One entry per arm; empty for records of betterbench, where grasps are read from the states.
         places: One entry per arm.
         about: Additional sentences about the sources.
         left_out: Data that were not read, with the reasons.

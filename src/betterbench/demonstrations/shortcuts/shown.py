@@ -1,6 +1,6 @@
 """Facts about recorded demonstrations, computed from the recorded states and the instruction.
 
-The condition that a record names is not trusted.
+The condition named in a record is not trusted.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""Maximum distance of a settled object from the region in which its slot places objects [m]."""
+"""Maximum distance between a settled object and the region in which its slot places objects [m]."""
 AT_TARGET_M = 0.20
 """Maximum horizontal distance between a pre-placed object and its target [m]."""
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: training conditions, variations, and those of other training distributions."""
+    """Return all conditions of a task, including the conditions of all its training distributions."""
     listed = tuple(condition.name for condition in every_listed_condition(task.id))
     return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 

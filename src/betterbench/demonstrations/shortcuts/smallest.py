@@ -1,7 +1,7 @@
 """Sensitivity of a shortcut audit: the smallest rule that it would have found with the given number of demonstrations.
 
 The sensitivity is estimated by planting artificial rules in the data. Planted data have the same frequencies of words
-and outcomes as the real data, and therefore the same permutations, correction and threshold. In a fraction of the
+and outcomes as the real data, so the same permutations, correction and threshold apply. In a fraction of the
 demonstrations, the word or object determines the outcome. In all others, the outcome is random. The result is the
 smallest fraction at which the rule is found often enough.
 """
@@ -32,7 +32,7 @@ POWER = 0.8
 REPLICATES = 400
 """Number of planted data sets for each size of a rule."""
 _ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
-"""Fraction of planted data sets in which a rule must be observed to be found.
+"""Minimum fraction of the planted data sets in which the audit must find a rule.
 
 The true fraction is then at least :data:`POWER` with 95 % confidence.
 """
@@ -48,8 +48,8 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Function that takes joint counts (tables, nx, ny) and returns, for each table, whether a weak association is reported
-anyway because one value always occurs with the same other value.
+"""Function that takes joint counts (tables, nx, ny) and returns a mask of the tables in which a weak association is
+reported, because one value always occurs with the same other value.
 """
 
 
@@ -78,8 +78,8 @@ class SmallestRule:
         least_share: Minimum fraction of the outcomes that a rule must determine to be found in at least the fraction
             :data:`POWER` of all data sets with these counts. The other outcomes are random. None if not even a rule
             without exceptions would be found.
-        strong_share: The same fraction if the rule must only be strong and need not be significant. With very many
-            demonstrations, ``least_share`` would have this value.
+        strong_share: The same fraction if the rule must only be strong and need not be significant. ``least_share``
+            approaches this value as the number of demonstrations increases.
         sentence: Sentence that explains ``least_share``.
     """
 
@@ -123,7 +123,7 @@ def said_of(share: float | None, of: str) -> str:
     Args:
         share: Minimum fraction of the outcomes that a rule must determine so that the audit finds it; None if the audit
             would not find any rule.
-        of: What was compared, as a number with its noun, such as "24 demonstrations".
+        of: Number and noun of the compared items, such as "24 demonstrations".
     """
     if share is None:
         return f"with {of}, not even a rule without exceptions would be found"
@@ -133,7 +133,7 @@ def said_of(share: float | None, of: str) -> str:
 
 
 def most_permutations(level: float, tests: int) -> int:
-    """Return the largest number of permutations that may exceed the data in a significant test.
+    """Return the maximum number of permutations that exceed the data in a significant test.
 
     A permutation exceeds the data if it has at least as much mutual information. The result is negative if no test can
     be significant, because the smallest possible p-value times ``tests`` exceeds the level.
@@ -236,7 +236,8 @@ class Planted:
         # If a single unit is random, no values are exchanged, so the rule would have no exception.
         decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
         shares = [number / units for number in sorted(decided)]
-        low, high = -1, len(shares) - 1  # not enough, enough
+        # The share at index low is too small, and the share at index high is large enough.
+        low, high = -1, len(shares) - 1
         while high - low > 1:
             middle = (low + high) // 2
             enough = self.share_found(shares[middle], threshold, counts, draw) >= _ENOUGH
@@ -261,7 +262,8 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
     """
     y, kinds = codes_of(outcome)
     counts = presence.sum(axis=0)
-    first = {int(count): i for i, count in reversed(list(enumerate(counts)))}  # one word per frequency
+    # Try only one word for each frequency.
+    first = {int(count): i for i, count in reversed(list(enumerate(counts)))}
     even = sorted(first, key=lambda count: (abs(2 * count - len(y)), count))[:_MOST_WORDS]
     block = np.arange(len(y))
     best: tuple[float, _Ints, int] | None = None
@@ -275,7 +277,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
 
 
 def _matched_between(test: PermutationTest) -> _Ints:
-    """Exchange the values of the first variable between demonstrations so that they match the outcomes best."""
+    """Exchange the values of the first variable between demonstrations so that they predict the outcomes best."""
     units = int(test.block.max()) + 1
     x = test.x[np.unique(test.block, return_index=True)[1]]
     ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")

@@ -2,8 +2,8 @@
 
 In scripts with spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao, Khmer
 and Burmese have no such spaces, and finding words would require a dictionary. Instead, every run of up to
-:data:`LONGEST` characters counts as a word. One of these runs is the real word, or occurs in the same instructions as
-the real word. Runs that always occur together give a single finding. Emoji and other symbols are separate words.
+:data:`LONGEST` characters counts as a word. One of these runs is the actual word, or occurs in the same instructions as
+the actual word. Runs that always occur together give a single finding. Emoji and other symbols are separate words.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ _NO_SPACES = re.compile(
 )
 """Thai, Lao, Burmese, Khmer, kana and Han characters, as Unicode ranges."""
 _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
-"""Variation selectors, joiners and zero-width spaces. They do not change the meaning of a text and are removed."""
+"""Variation selectors, joiners and zero-width spaces.
+
+These characters do not change the meaning of a text and are removed.
+"""
 
 
 def instruction_words(text: str) -> frozenset[str]:
@@ -31,7 +34,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Return whether a word belongs to a script that separates words by spaces. Otherwise it is a run of characters."""
+    """Return whether a word belongs to a script that separates words by spaces, and is not just a run of characters."""
     return not _NO_SPACES.search(word)
 
 
@@ -61,10 +64,10 @@ def shown_as(words: Iterable[str], text: str) -> str:
 
 
 def without_joined(where: Mapping[str, int]) -> dict[str, int]:
-    """Remove runs of characters that span the border between two words, since they add no information.
+    """Remove runs of characters that span the border between two words, because they add no information.
 
-    Such a run occurs in all texts that contain both its beginning and its end, and in no others. The beginning and the
-    end also occur separately, in other texts.
+    Such a run occurs in exactly the texts that contain both its beginning and its end. The beginning and the end also
+    occur separately, in other texts.
 
     Args:
         where: For each word, a bit mask of the texts that contain the word.
@@ -225,7 +228,7 @@ def names_a_place(words: Iterable[str]) -> bool:
 
 
 def in_order(text: str, wanted: Iterable[str]) -> str:
-    """Return those of the wanted words that occur in a text, in order of occurrence, joined into one string."""
+    """Return the wanted words that occur in a text, in order of occurrence, joined into one string."""
     words = frozenset(wanted)
     unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
     found = list[str]()

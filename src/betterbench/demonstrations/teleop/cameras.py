@@ -19,7 +19,7 @@ LONGEST_RATE_HZ = 10.0
 """Maximum number of images per camera and second. The limit leaves CPU time for the physics."""
 SIZE_PX = 256
 LATE_S = 1.0
-"""Delay from which an image is reported as late [s]."""
+"""Minimum delay at which an image is reported as late [s]."""
 STOP_S = 0.5
 """Maximum time to wait for the current image when the thread is closed [s]."""
 
@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Thread that renders the newest state of the scene. States that it has no time to render are skipped."""
+    """Thread that renders the newest state of the scene. It skips older states that it had no time to render."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class CameraThread:
 
     @property
     def is_busy(self) -> bool:
-        """Whether the thread is still running."""
+        """Whether the rendering thread is still running."""
         return self._thread.is_alive()
 
     def close(self) -> None:

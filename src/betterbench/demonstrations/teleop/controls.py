@@ -1,7 +1,8 @@
 """Operator input from the browser and from devices, collected between two control steps. All methods are thread-safe.
 
-The page that is opened first controls the robot. Other pages only watch until one of them takes over. Input cannot
-block or crash the control loop: unreadable input is reported in one line, and held keys expire unless they are renewed.
+The page that is opened first controls the robot. Other pages only display the scene until one of them takes over
+control. Input cannot block or crash the control loop: unreadable input is reported in one line, and held keys expire
+unless they are renewed.
 """
 
 from __future__ import annotations
@@ -22,13 +23,17 @@ Tap = Literal["gripper", "undo", "restart", "save", "discard"]
 TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
-"""Time after which held keys and axes count as released if the page does not renew them [s]. The page renews them every
-0.2 s.
+"""Time after which held keys and axes count as released if the page does not renew them [s].
+
+The page renews them every 0.2 s.
 """
 DEAD_ZONE = 0.12
-"""Deflection of an axis up to which the input counts as zero."""
+"""Maximum deflection of an axis that counts as zero."""
 MOST_TAPS = 32
-"""Maximum number of key presses that wait for a control step. More cannot come from a person and are dropped."""
+"""Maximum number of key presses that wait for a control step.
+
+Additional presses are dropped, because a person cannot press this many keys.
+"""
 
 KEYS: dict[str, tuple[int, float]] = {
     "KeyW": (0, 1.0),
@@ -44,8 +49,9 @@ KEYS: dict[str, tuple[int, float]] = {
     "KeyQ": (5, 1.0),
     "KeyE": (5, -1.0),
 }
-"""Component and sign of the motion that each key causes. The components are forward, left, up, roll, pitch and yaw, as
-seen by the operator.
+"""Component and sign of the motion that each key causes.
+
+The components are forward, left, up, roll, pitch and yaw, as seen by the operator.
 """
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 GAMEPAD_TAPS: dict[int, Tap] = {0: "gripper", 1: "undo", 9: "save"}
@@ -66,7 +72,7 @@ class ControlInput:
         push: Deflections that move the tool: forward, left, up, roll, pitch and yaw as seen by the operator, each in
             [-1, 1].
         closed: Whether the gripper of the leader arm is closed; None without a leader arm.
-        driver: Number of the page that controls the robot; None while no page is open.
+        driver: Number of the page that controls the robot; None if no page is open.
     """
 
     taps: tuple[Tap, ...] = ()
@@ -90,7 +96,7 @@ class Controls:
     driver: int | None = None
     """Number of the page that controls the robot."""
     problems: list[str] = field(default_factory=list)
-    """Messages about unreadable input, one line each, which are removed when the control loop takes them."""
+    """Messages of one line about unreadable input. Messages are removed when the control loop takes them."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _pages: list[int] = field(default_factory=list)
     _taps: list[Tap] = field(default_factory=list)
@@ -173,7 +179,7 @@ class Controls:
                 self._tell(str(problem))
             return True
         with self._lock:
-            # Presses from before the page controlled the robot are counted, so that they are not executed later.
+            # Presses are counted even before the page controls the robot, so that they are not executed later.
             known = self._counts.setdefault(page, {})
             made = cast("list[Tap]", new_taps(form, known, TAPS))
             push = _push_of(form)

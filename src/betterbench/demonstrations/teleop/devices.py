@@ -1,6 +1,6 @@
 """Gamepads and SpaceMice that are connected to the machine on which betterbench runs.
 
-Devices that are connected to the operator's own computer are read by the browser page instead. This module implements
+If the operator uses another computer, the devices connected to it are read by the browser page. This module implements
 the Linux input protocol (``linux/input.h``: 24-byte events) and its gamepad specification, so no library is needed.
 """
 
@@ -30,7 +30,7 @@ EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
 """Maximum deflection of the axes, used if the kernel does not report it."""
 RENEW_S = 0.1
-"""Period at which an unchanged deflection is sent again [s], since the kernel only reports changes."""
+"""Period at which an unchanged deflection is sent again [s], because the kernel only reports changes."""
 SPRUNG_S = 0.15
 """Time without an event after which a relative axis counts as released [s]."""
 
@@ -86,7 +86,7 @@ def _has_key(words: Sequence[str], key: int) -> bool:
 
 
 class DeviceThread:
-    """Thread that passes the input of one device to the controls until it is closed or the device is unplugged.
+    """Thread that passes the input of one device to the controls until the thread is closed or the device is unplugged.
 
     Raises InvalidInputError if the device cannot be opened.
     """

@@ -1,8 +1,8 @@
-"""A LeRobot leader arm that moves the tool of the simulated robot. It is read through lerobot's teleoperator class.
+"""Teleoperation of the simulated robot with a leader arm, which is read through LeRobot's teleoperator class.
 
 If the robot has the same joints as the leader arm, the robot's tool takes the pose that the leader's joint angles
-define. It begins to follow once the operator has moved the leader arm near the pose of the robot. For any other robot,
-the motion of the leader's tool in the leader's base frame is added to the initial pose of the robot's tool.
+define. The robot begins to follow when the operator has moved the leader arm near the pose of the robot. For any other
+robot, the motion of the leader's tool in the leader's base frame is added to the initial pose of the robot's tool.
 """
 
 from __future__ import annotations
@@ -31,14 +31,17 @@ LEADERS = ("so101_leader", "so100_leader")
 """Leader arms whose kinematics are known."""
 JOINTS = SO101_MOTORS[:-1]
 SCALE = 1.5
-"""Motion of the robot's tool per unit of motion of the leader's tool. It is about the ratio of their reaches."""
+"""Motion of the robot's tool per unit of motion of the leader's tool.
+
+The value is about the ratio of the arms' reaches.
+"""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
-"""The robot's gripper closes below and opens above these positions of the leader's gripper (0 closed to 100 open)."""
+"""Thresholds of the leader's gripper position for closing and opening the robot's gripper (0 closed to 100 open)."""
 MEETING_M = 0.05
-"""A robot with the leader's joints starts to follow when the tools of leader and robot are within this distance [m]."""
+"""Maximum distance between leader tool and robot tool for a robot with the leader's joints to start following [m]."""
 RATE_HZ = 50.0
 MOST_FAILURES = 25
-"""Number of consecutive failed readings, i.e. half a second, after which the leader arm is no longer followed."""
+"""Number of consecutive failed readings after which the leader arm is no longer followed. They take half a second."""
 
 # Joint axes of the SO-101 with all joints at zero, in the new calibration (TheRobotStudio SO-ARM100,
 # so101_new_calib.xml, Apache-2.0): a point on each axis [m] and its direction. The position of the gripper's center
@@ -141,8 +144,8 @@ class Follower:
 class Mirror:
     """Absolute conversion for a robot with the leader's joints: both tools have the same pose.
 
-    The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool. It therefore
-    does not jump at the beginning, and after an undo it does not return to the pose that was undone.
+    The robot does not move until the leader's tool has come within :data:`MEETING_M` of the robot's tool. The robot
+    therefore does not jump at the beginning, and does not return to the undone pose after an undo.
     """
 
     def __init__(self, spec: RobotSpec) -> None:
@@ -178,7 +181,7 @@ class Mirror:
 
 
 def motion_for(spec: RobotSpec) -> LeaderMotion:
-    """Return the conversion for a robot: absolute if the robot has the leader's joints, otherwise relative."""
+    """Return the conversion for a robot: absolute if it has the leader's joints, and relative for any other robot."""
     return Mirror(spec) if spec.arm_joints == JOINTS else Follower()
 
 
@@ -232,7 +235,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
 
 
 class LeaderThread:
-    """Thread that passes the poses of a leader arm to the controls until it is closed or the arm is disconnected."""
+    """Thread that passes the poses of a leader arm to the controls, until it is closed or the arm is disconnected."""
 
     def __init__(self, leader: Any, controls: Controls, motion: LeaderMotion) -> None:  # noqa: ANN401 - lerobot's
         """Start a thread that reads the leader arm.

@@ -18,7 +18,7 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.installation import missing_packages
 
 RETRIES = 2
-"""Number of retries after a failed request to the motors, since a Feetech bus occasionally loses a packet."""
+"""Number of retries after a failed request to the motors, because a Feetech bus occasionally loses a packet."""
 QUIET_S = 0.06
 """Time to wait after a failed request, so that a late answer can arrive [s]."""
 
@@ -79,7 +79,8 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
         configs = importlib.import_module(f"lerobot.{kind.group}.config")
         makers = importlib.import_module(f"lerobot.{kind.group}.utils")
         module = None
-        for name in (kind.module, kind.name):  # older versions of lerobot have a module for each kind
+        # Older versions of lerobot have a module for each kind of arm.
+        for name in (kind.module, kind.name):
             try:
                 module = importlib.import_module(f"lerobot.{kind.group}.{name}")
                 break
@@ -91,13 +92,13 @@ def make_arm(kind: ArmKind, options: Mapping[str, Any], *, what: str, cameras: M
             opencv = importlib.import_module("lerobot.cameras.opencv.configuration_opencv")
             given["cameras"] = {name: opencv.OpenCVCameraConfig(**chosen) for name, chosen in cameras.items()}
         config = getattr(configs, kind.config_class).get_choice_class(kind.name)(**given)
-    except Exception as problem:  # inconsistent installations fail in many ways
+    except Exception as problem:  # inconsistent installations raise many different errors
         raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
     try:
         return getattr(makers, kind.maker)(config)
     except ImportError as problem:
         raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
-    except Exception as problem:  # lerobot reads the calibration file now
+    except Exception as problem:  # lerobot reads the calibration file in this call
         file = _calibration_file(kind, module, str(options["id"]))
         if file is None or not file.is_file():
             raise missing_packages(f"{what} ({one_line(problem)})", "lerobot[feetech]") from problem
@@ -157,7 +158,7 @@ def check_calibration(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN4
 def connect_arm(arm: Any, kind: ArmKind, port: str) -> None:  # noqa: ANN401 - lerobot's class
     """Check the calibration of an arm, and connect to the arm.
 
-    Requests to the motors that fail are repeated, since lerobot does not repeat them.
+    Failed requests to the motors are repeated, because lerobot does not repeat them.
 
     Raises:
         CalibrationError: If the calibration is missing or does not match the motors.
@@ -198,7 +199,7 @@ def clear_port(bus: Any) -> None:  # noqa: ANN401 - lerobot's FeetechMotorsBus
     request, and all later replies would be off by one. Motor loads could then be mistaken for positions, for example.
     """
     port = bus.port_handler
-    port.is_using = False  # remains set after a request that raised an error, and would block all later requests
+    port.is_using = False  # stays True after a request that raised an error, which would block all later requests
     port.ser.reset_input_buffer()
 
 

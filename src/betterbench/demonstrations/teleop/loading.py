@@ -32,7 +32,7 @@ class SessionLoader:
     def begin(self, start: Start) -> None:
         """Begin to prepare the session for an initial state.
 
-        The session prepared before must have been fetched with ``take``.
+        The previous session must have been fetched with ``take``.
         """
         if not self._apart:
             self._made = self._make(start)

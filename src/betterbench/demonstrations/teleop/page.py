@@ -1,8 +1,8 @@
 """Browser page with the 3-D scene, the gizmo, the control panel and camera images.
 
-The page is served by viser and connects only to this process. Input goes into
-:class:`~betterbench.demonstrations.teleop.controls.Controls`, and the content comes from the control loop. Neither of
-the two waits for the other.
+The page is served by viser and connects only to this process. The page sends input to
+:class:`~betterbench.demonstrations.teleop.controls.Controls` and receives its content from the control loop. The page
+and the control loop do not wait for each other.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ GIZMO = "/tool"
 GIZMO_M = 0.20
 """Length of the gizmo's arrows [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
-"""Initial position and target of the camera [m]. It looks over the robot's right shoulder, so that "forward" points
-away from the operator.
+"""Initial position and target of the camera [m].
+
+It looks over the robot's right shoulder, so that "forward" points away from the operator.
 """
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
@@ -48,11 +49,11 @@ class PanelState:
         tone: Color of the status: "go", "wait", "good" or "bad".
         notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The most recent messages, in order of time.
-        undo_to: Name of the moment that an undo would return to.
+        undo_to: Name of the moment to which an undo would return.
         closed: Whether the gripper should be closed.
         can_save: Whether the episode can be saved.
         height: Text with the height of the tool above the table; "" if no episode is loaded.
-        images: Text that says how late the camera images are; "" if they are up to date.
+        images: Text with the delay of the camera images; "" if they are up to date.
     """
 
     title: str
@@ -211,7 +212,8 @@ class Page:
             at, turn = event.target.position, event.target.wxyz
             pose = Pose(tuple(map(float, at)), tuple(map(float, turn)))  # type: ignore[arg-type] # three and four
             if not self._controls.dragged(event.client_id, pose, is_over=event.phase == "end"):
-                self._gizmo_at = None  # the gizmo jumps back
+                # With this value, the next update moves the gizmo back.
+                self._gizmo_at = None
                 self._tell(event.client_id)
 
         self._gizmo.on_update(moved)

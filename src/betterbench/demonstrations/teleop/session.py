@@ -1,11 +1,11 @@
-"""Teleoperated episode.
+"""Session in which an operator teleoperates one episode.
 
-A session turns the operator's commands into states of the scene. It does not depend on the clock, the browser or the
-input devices.
+A session turns the operator's commands into states of the scene. A session does not depend on the clock, the browser or
+the input devices.
 
-Commands are in the same action space as the actions of policies, so the record has the same format as that of any other
-episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns to the
-last of these moments and removes all later steps from the record.
+Commands are in the same action space as the actions of policies, so the record has the same format as the record of any
+other episode. The session stores the complete state at the start and whenever a subgoal has been reached. Undo returns
+to the last of these moments and removes all later steps from the record.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
-"""The commanded pose counts as arrived within this distance [m] and this angle [rad] of its target."""
+"""Maximum distance [m] and angle [rad] between the commanded pose and a target that counts as reached."""
 RESTING_M_S = 0.01
-"""Speed below which an object counts as at rest while the session waits for the operator [m/s]."""
+"""Maximum speed at which an object counts as at rest while the session waits for the operator [m/s]."""
 FINGERS_STILL_M = 0.0005
-"""Change of the opening width per control step below which the fingers count as still [m]."""
+"""Maximum change of the opening width per control step at which the fingers count as still [m]."""
 STUCK_M = 0.035
-"""Distance between the tool and its goal from which the arm may be stuck [m]. The controller allows a distance of 0.05.
+"""Minimum distance between the tool and its goal at which the arm may be stuck [m].
+
+The controller allows a distance of up to 0.05.
 """
 STUCK_STEPS = 10
-"""Number of control steps at this distance after which the arm counts as stuck (0.5 s)."""
+"""Number of control steps at this distance or more after which the arm counts as stuck (0.5 s)."""
 SAME_MOMENT_STEPS = 20
-"""If the same subgoals are reached again within this number of control steps (1 s), no new undo moment is stored."""
+"""Number of control steps within which no new undo moment is stored if the same subgoals are reached again (1 s)."""
 
 SessionPhase = Literal["going", "success", "step_limit"]
 
@@ -61,7 +63,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Moment that an undo can return to: number of rows in the record, and complete state of scene and steering."""
+    """Moment to which an undo can return: number of rows in the record, and complete state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -73,7 +75,7 @@ class _Moment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """Row of the record that will be written."""
+    """Row of the record."""
 
     state: WorldState
     truth: Truth
@@ -130,7 +132,7 @@ class TeleopSession:
 
     @property
     def undo_to(self) -> str:
-        """Name of the moment that an undo would return to, such as "the start" or "place_mug"."""
+        """Name of the moment to which an undo would return, such as "the start" or "place_mug"."""
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
@@ -180,7 +182,7 @@ class TeleopSession:
     def undo(self) -> str:
         """Return to the last moment at which a subgoal was reached, or to the initial state.
 
-        If nothing has happened since this moment, return to the moment before it. The returned value is the name of the
+        If no step was taken since this moment, return to the moment before it. The returned value is the name of the
         moment.
         """
         moment = self._last_moment()

@@ -1,8 +1,8 @@
 """Teleoperation loop: reads the input, steps the session and shows the result at the control rate.
 
 The loop never blocks. The episode pauses while no page is open, and while the operator gives no command and all objects
-are at rest. No rows are recorded during a pause, so the time in which the operator thinks is not part of the
-demonstration.
+are at rest. No rows are recorded during a pause, so the demonstration does not contain the time in which the operator
+thinks.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from betterbench.sim.scenes.glb import body_files
 PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
 """Speed of the target at full deflection of a key, stick or SpaceMouse and at full speed of the slider [m/s, rad/s]."""
 PUSH_LEAD_M = 0.06
-"""Maximum distance of the target from the tool while keys or a stick move it [m]. The tool thus stops soon after a key
-is released.
+"""Maximum distance of the target from the tool while keys or a stick move it [m].
+
+Because of this limit, the tool stops soon after a key is released.
 """
 WAIT_STEPS = 10
-"""Number of control steps without a command and without motion after which the episode pauses (0.5 s)."""
+"""Number of control steps without commands and motion after which the episode pauses (0.5 s)."""
 SAID_LINES = 3
 
 
@@ -157,9 +158,8 @@ class Station:
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
         """Take a control step toward the requested target, unless the episode is paused."""
-        if (
-            asked.driver != self._driver
-        ):  # another page has taken control: keep the current target until it gives a command
+        # If another page has taken control, keep the current target until this page gives a command.
+        if asked.driver != self._driver:
             self._driver, self._target = asked.driver, None
             self._controls.hold_from(session.state.commanded_pose)
         if asked.closed is not None:
@@ -278,7 +278,7 @@ class Station:
     def _let_go(self, session: TeleopSession) -> None:
         """Discard the operator's target after the state has changed, e.g. by an undo.
 
-        The gripper command is set to that of the new state.
+        The gripper command is set to the gripper command of the new state.
         """
         self._found = None
         self._target = None
@@ -328,7 +328,7 @@ class Station:
         )
 
     def _images_text(self) -> str:
-        """Return a text that says how late the camera images are. Return "" if they are up to date."""
+        """Return a text with the delay of the camera images, or "" if they are up to date."""
         late_s = 0.0 if self._cameras is None else self._cameras.late_s
         return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 

@@ -1,6 +1,6 @@
 """Steering: computation of the action that moves the tool toward a target in one control step.
 
-The target is limited to the reach of the robot, and the speed of the tool is limited.
+The target is limited to the robot's workspace, and the speed of the tool is limited.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from betterbench.sim.robots import RobotSpec
 from betterbench.sim.robots.spec import SteeringLimits
 
 LOWEST_TIP_M = 0.002
-"""Lowest height of the fingertips above the table that the operator can command [m]."""
+"""Minimum height of the fingertips above the table that the operator can command [m]."""
 SLOWEST = 0.1
-"""Lowest speed, as a fraction of the full speed."""
+"""Minimum speed, as a fraction of the full speed."""
 OUT_OF_REACH = "out of reach: the arm moves as far as it can"
 IN_THE_TABLE = "below the table: the fingers stop above it"
 
@@ -79,7 +79,7 @@ class Steering:
 
         The action is in the ``ee_delta`` action space, as an array of shape (7,). Translation and rotation reach the
         target at the same time. The tool speeds up and brakes with the same acceleration as the expert in free motion.
-        A moving target is followed without delay, since the limits apply only to the speed of the commanded pose.
+        A moving target is followed without delay, because the limits apply only to the speed of the commanded pose.
 
         Args:
             now: Commanded pose.
@@ -106,5 +106,5 @@ def is_finite(pose: Pose) -> bool:
 
 
 def unit(pose: Pose) -> Pose:
-    """Normalize the quaternion of a pose, with w >= 0. Use this function for poses from outside this program."""
+    """Normalize the quaternion of a pose so that w >= 0. Use this function for poses from outside this program."""
     return Pose(pose.position, normalize(pose.quaternion))

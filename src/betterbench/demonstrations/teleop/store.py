@@ -1,6 +1,6 @@
 """Store of teleoperated demonstrations.
 
-The store is an ordinary run folder. It also tracks which initial states are still to be demonstrated.
+The store is an ordinary run folder. It also tracks the initial states that have not been demonstrated yet.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from betterbench.tasks import Expected, get_task
 from betterbench.tasks.trial import Trial
 
 FIRST_TELEOPERATED_SEED = 500_000_000
-"""Default first seed of teleoperated demonstrations. It is far from the seeds of other demonstrators."""
+"""Default first seed of teleoperated demonstrations, which is far from the seeds of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""Kinds of failure with which a human demonstration can still be saved. The failure is noted in the journal."""
+"""Kinds of failure with which a human demonstration can still be saved. The journal then contains the failure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class DemonstrationStore:
     def due(self) -> Start | None:
         """Return the next initial state to demonstrate.
 
-        Postponed initial states come last. Return None if all initial states have been demonstrated.
+        Postponed initial states come last. The result is None if all initial states have been demonstrated.
         """
         left = [s for s in self._starts if not self._journal.is_done(s.trial)]
         first = [s for s in left if s not in self._put_off]
@@ -160,7 +160,7 @@ class DemonstrationStore:
 def can_keep(attempt: DemonstrationAttempt) -> bool:
     """Return whether a demonstration can be saved.
 
-    It must have reached the goal, and the goal must still be met afterward.
+    The demonstration must have reached the goal, and the goal must still be met afterward.
     """
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 

@@ -1,6 +1,6 @@
 """Author of scenarios that uses a language model.
 
-It checks and stores the model's answers, and has invalid ones corrected.
+It checks and stores the model's answers, and asks the model to correct invalid answers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _LONGEST_ECHO = 8_000
 _MOST_PROBLEMS = 8
 """Maximum number of problems that are sent back to the model at once."""
 _MOST_SHOWN = 50
-"""Maximum number of earlier scenarios that the prompt lists."""
+"""Maximum number of earlier scenarios listed in the prompt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Scenarios that a model wrote, by their number (from 1), and the scenarios for which it gave no valid answer."""
+    """Scenarios by number (from 1) that a model wrote, and the scenarios for which the model gave no valid answer."""
 
     scenarios: Mapping[int, Scenario]
     refused: tuple[Refused, ...]
@@ -225,7 +225,7 @@ def _vocabulary_problems(scenario: Scenario, vocabulary: Mapping[str, Sequence[s
 
 
 def _sentence_problems(scenario: Scenario, request: Request) -> list[str]:
-    """Return how a scenario differs from the user's sentence: missing objects, missing places, and different goals."""
+    """Return the differences of a scenario from the user's sentence: missing objects, missing places, other goals."""
     if not request.sentence:
         return []
     asked = replace(scenario, instruction=request.sentence)

@@ -34,13 +34,13 @@ class Exchange:
     """A request to a model, with the model's answer.
 
     Attributes:
-        prompt: Identifier of the wording of the prompt.
+        prompt: Identifier of the prompt's wording.
         model: Name of the model.
         purpose: Purpose of the request, such as "scenario 3, try 2".
         messages: Messages of the conversation.
         answer: Text of the answer.
         verdict: "accepted", or the problems that were sent back to the model.
-        asked_at: Time of the request, in UTC.
+        asked_at: Time at which the request was sent, in UTC.
         took_s: Time from the request to the answer [s].
     """
 

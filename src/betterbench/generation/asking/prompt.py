@@ -1,6 +1,6 @@
 """Prompt that requests scenarios.
 
-It has the inputs and outputs of the paper's prompt (appendix B.1), but its own wording.
+It has the same inputs and outputs as the paper's prompt (appendix B.1), but a different wording.
 
 Unlike the paper's prompt, this prompt requests one scenario at a time, so that answers are short and rejected
 scenarios are corrected in separate conversations.

@@ -1,11 +1,12 @@
 """Import and audit of tasks in the YAML format of the BeTTER release (github.com/BeingBeyond/BeTTER, July 2026).
 
 - ``files``: strict reader for the files of a task. ``resolved``: variations with their inherited values.
-- ``matching``: search for library assets that represent the objects. ``layout``: transfer of positions to our table.
+- ``matching``: search for library assets that represent the objects. ``layout``: transfer of object positions to our
+  table.
 - ``building``: conversion of a task to our format, with each variation as operations on a training condition.
 - ``sentence``: objects named in an instruction. ``predicates``: relations that hold in the initial scene.
 - ``audit``: search for test motions that do not occur in training, and for instructions that do not match the scene.
-  ``pages``: the files of the audit.
+  ``pages``: the output files of the audit.
 """
 
 from betterbench.generation.better_release.audit import Audit, Finding, audit_release

@@ -79,7 +79,10 @@ REMARKS = frozenset(
         ),
     )
 )
-"""Codes of remarks on the import, the file format or undecided cases. All other codes are faults of the task."""
+"""Codes of findings that are only remarks on the import, the file format or undecided cases.
+
+All other codes are faults of the task.
+"""
 
 _SAME_POSE_M = 0.005
 _FOUND_BY = {"search": "found by its words", "class": "found by its class", "given": "given"}
@@ -189,7 +192,7 @@ class _Auditor:
                 text = f"The {self.noun(name)} is {color} in the release; our {match.category} has no such color."
                 yield Finding("", "other_color", text, {"colors": len(colors(match.category))}, (name,))
 
-    # --------------------------------------------------------------------------------------------- what is in the files
+    # --------------------------------------------------------------------------------------------- content of the files
 
     def files(self, variation: Resolved) -> Iterator[Finding]:
         """Check that the ids, groups, poses, candidate assets and goals in the files are complete and consistent."""
@@ -264,7 +267,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------------- the rules
 
     def rules(self, variation: Resolved) -> Iterator[Finding]:
-        """Find missing fail predicates, and goals or fail predicates that already hold in the initial scene."""
+        """Find missing fail predicates, and success or fail predicates that already hold in the initial scene."""
         movable = [n for n in variation.active if n not in variation.goals and n != variation.container]
         derived = len(variation.groups["fail"]) * len(self.task.task.defaults.fail_policy.fail_on_relations)
         numbers = {"fail_predicates": len(variation.fail), "objects_without_rule": len(movable)}
@@ -326,7 +329,7 @@ class _Auditor:
     # ------------------------------------------------------------------------------------------------- training support
 
     def support(self, variation: Resolved) -> Iterator[Finding]:
-        """Compare the picks and placements of a test variation with those of the training variations."""
+        """Compare the picks and placements of a test variation with the picks and placements in training."""
         if variation.training or not variation.enabled:
             return
         picks = [(other, name) for other in self.training for name in other.goals if name in other.poses]
@@ -446,8 +449,8 @@ class _Auditor:
     def twins(self, variation: Resolved) -> Iterator[Finding]:
         """Find earlier variations that have the same scene and the same instruction as a given variation.
 
-        They are reported if their goals differ from those of the given variation, or if a training variation is the
-        same as a test variation.
+        Such a variation is reported if its goals differ from the goals of the given variation, or if a training
+        variation is the same as a test variation.
         """
         for other in self.resolved.values():
             if other.name == variation.name:

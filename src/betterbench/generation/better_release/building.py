@@ -1,7 +1,7 @@
 """Conversion of a task of the BeTTER release to our task format.
 
-Training variations become training conditions. A test variation becomes a list of operations on a training condition,
-namely on the one that requires the fewest operations.
+Training variations become training conditions. A test variation becomes a list of operations on the training condition
+that requires the fewest operations.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ _OF_RELATION: Mapping[str, tuple[str, Role]] = {
 """Template and role of the target, for each of our relations."""
 
 _SIDES = {"left_of": "left", "right_of": "right", "behind": "behind"}
-"""Relations of the release that our relation "beside" covers, and its region. Our relation also requires alignment."""
+"""For each side relation of the release, the region of our relation "beside" that corresponds to it.
+
+Our relation also requires that the objects are aligned.
+"""
 
 _HYPOTHESES = {
     Axis.SPATIAL_LAYOUT_SHIFT: "Objects are found by what they are, not by where they lay in training.",
@@ -70,7 +73,7 @@ class Represented:
         left_out: Objects that are in the scene of the release but not in our condition, with the reason for each.
         predicates: Predicates of the release that have no counterpart among our relations.
         base: Training condition that a test variation is derived from.
-        operations: Operations on that training condition, described as text.
+        operations: Operations that convert the training condition to the variation, described as text.
     """
 
     name: str | None
@@ -175,7 +178,7 @@ class _Maker:
         )
         return task_from_json(task_to_json(task), where=f"the task made of {self.task.folder}")
 
-    # -------------------------------------------------------------------------------------------------- what is there
+    # ------------------------------------------------------------------------------------------------ present objects
 
     def _left_out(self, variation: Resolved) -> dict[str, str]:
         found = {one.name: f"replaced by {one.by}" for one in left_behind(variation, self.training)}
@@ -195,7 +198,7 @@ class _Maker:
         return tuple(name for name in names if name not in self.left_out[variation.name])
 
     def _preplaced(self, variation: Resolved) -> tuple[str, ...]:
-        """Return the objects that are already in the container at the start, judging by the sizes of our assets."""
+        """Return the objects that are already in the container at the start, based on the sizes of our assets."""
         sizes = {name: match.asset.size_m for name, match in self.matches.items()}
         container = variation.container
         if container not in self.matches or "inside" not in _regions(self.matches[container]):
@@ -208,7 +211,7 @@ class _Maker:
         return tuple(found)
 
     def _obstacles(self, variation: Resolved) -> list[str]:
-        """Return the reasons why our task format cannot represent a variation. Empty if it can."""
+        """Return the reasons why our task format cannot represent a variation, or an empty list."""
         if not variation.enabled:
             return ["the release has disabled it"]
         reasons = []
@@ -292,7 +295,7 @@ class _Maker:
         return ObjectSpec(name, self._kind(name), match.category, color, role, fixed=False)
 
     def _kind(self, name: str) -> str:
-        """Return the noun of an object. It includes the color if another object has the same noun."""
+        """Return the noun of an object, with its color if another object has the same noun."""
         noun = self.lexicon.noun(name)
         others = [other for other in self.task.instances if other != name and self.lexicon.noun(other) == noun]
         color = color_of(self.task.instances[name])
@@ -320,7 +323,8 @@ class _Maker:
             kinds.append(kind)
             count = kinds.count(kind)
             target = predicate.target_id
-            if relation == "layer":  # in a stack, each layer is counted from the base
+            # In a stack, the layers are numbered from the base upward.
+            if relation == "layer":
                 target, region = variation.container, str(len(goals) + 1)
             name = f"{relation}_{kind.replace(' ', '_')}" + (f"_{count}" if count > 1 else "")
             word = next((n.text for n in nouns if predicate.subject_id in n.objects), kind.split()[-1])
@@ -442,7 +446,7 @@ def _exchange_objects(base: Condition, wanted: Condition, do: Callable[[Operatio
 def _arrange(
     now: Callable[[], Condition], wanted: Condition, slots: Mapping[str, Slot], do: Callable[[Operation], None]
 ) -> None:
-    """Move objects to the slots where they are wanted. If none of these slots is free, exchange two objects."""
+    """Move objects to their slots in the test variation. If none of these slots is free, exchange two objects."""
     while True:
         state = now()
         astray = [n for n, s in state.layout.items() if n in wanted.layout and wanted.layout[n] != s]

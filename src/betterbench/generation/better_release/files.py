@@ -2,7 +2,7 @@
 
 A task is a folder with ``task.yaml``, ``base_variation.yaml``, ``object_universe.yaml``, ``asset_bindings.yaml`` (may
 be missing) and ``variations/ID.yaml``. The constraint template of the task is in the folder ``task_templates`` of the
-clone, and may be missing. The field names are those of the release at commit 9d75971. The YAML reader is passed as an
+clone, and may be missing. The field names follow the release at commit 9d75971. The YAML reader is passed as an
 argument, because only one package may import the YAML library.
 """
 
@@ -21,7 +21,7 @@ from betterbench.jobs.places import require_inside
 from betterbench.json_form import read_form, strict_form
 
 YamlReader = Callable[[Path], dict[str, Any]]
-"""Function that reads a YAML file into plain values, and raises InvalidInputError if it cannot."""
+"""Function that reads a YAML file into plain values, and raises InvalidInputError if the file cannot be read."""
 
 BASE = "BASE"
 """Default id of the base variation, which every other variation extends."""
@@ -404,7 +404,7 @@ def _variation_files(folder: Path, task: TaskFileForm) -> list[str]:
     if twice:
         _refuse(where, "variation_registry", f"{twice[0]!r} is listed twice", "List each variation once")
     if not task.variation_registry.train:
-        _refuse(where, "variation_registry.train", "is empty", "List a training variation or more")
+        _refuse(where, "variation_registry.train", "is empty", "List at least one training variation")
     if len(listed) > MOST_VARIATIONS:
         problem = f"lists {len(listed)} variations"
         _refuse(where, "variation_registry", problem, f"Use at most {MOST_VARIATIONS} variations")

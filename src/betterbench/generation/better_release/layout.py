@@ -29,18 +29,20 @@ SAME_SLOT_M = 0.025
 placement.
 """
 JITTER_M, TARGET_JITTER_M = 0.01, 0.005
-"""Position jitter of the slots of objects, and of the slots of targets [m]."""
+"""Position jitter of object slots and of target slots [m]."""
 GAP_M = 0.04
-"""Clearance between two objects [m]: a finger, plus the jitter of both."""
+"""Clearance between two objects [m]: the thickness of a finger plus the position jitter of both objects."""
 TARGET_GAP_M = 0.05
-"""Clearance between an object and a target [m]: finger and palm next to a container wall."""
+"""Clearance between an object and a target [m]. The finger and the palm must fit next to a container wall."""
 NEAR_X_M, FAR_X_M = 0.36, 0.69
-"""Range of distances of the suite's pick slots from the robot base [m]."""
+"""Minimum and maximum distance of the suite's pick slots from the robot base along x [m]."""
 FAR_TARGET_X_M = 0.60
-"""Maximum distance of the center of a target from the robot base [m]."""
+"""Maximum distance between the center of a target and the robot base along x [m]."""
 SEEN_AT_0_M, SEEN_SLOPE = 0.36, 0.19
-"""Limit of |y| for positions that the front camera sees: 0.36 - 0.19 x [m]. It includes a margin of 8 mm for all camera
-jitters and 1 cm for slot jitter. A test compares the limit with the camera.
+"""Maximum |y| of positions in view of the front camera: 0.36 - 0.19 x [m].
+
+The limit includes a margin of 8 mm for camera jitter and 1 cm for slot jitter. A test compares the limit with the
+camera.
 """
 FRONT_CAMERA_M = (1.45, 0.0, 0.95)
 """Position of the front camera in the world frame [m]. A test compares it with the camera in the scene."""
@@ -52,7 +54,7 @@ _TINY, _ROUNDING_M = 1e-12, 1e-3
 
 
 def beyond_workspace_m(x: float, y: float) -> float:
-    """Return how far a position is outside the reachable and visible part of our table [m].
+    """Return the distance of a position from the reachable and visible part of our table [m].
 
     The distance is 0 if the position is inside this part.
     """
@@ -78,7 +80,8 @@ class _Cluster:
     def take_in(self, variation: str, name: str, match: Match) -> None:
         """Add an object of a variation to the cluster, and increase the space that the cluster's slot needs."""
         half_x, half_y = _half_extents(match, self.yaw)
-        if not self.is_target:  # the heading is not known yet
+        # The heading of an object's slot is not known yet, so the longer extent is used in both directions.
+        if not self.is_target:
             half_x = half_y = max(half_x, half_y)
         self.half_x, self.half_y = max(self.half_x, half_x), max(self.half_y, half_y)
         self.users.append((variation, name))
@@ -90,11 +93,11 @@ class PlacedSlots:
 
     Attributes:
         slots: Slots by name.
-        of: Name of the slot for each pair of variation and object.
+        of: Name of the slot for each pair of a variation and an object.
         moved_m: Distance of each slot from its position in the release [m].
         crowded: Pairs of slots in the same scene that could not be moved far enough apart, with the missing distance
             [m].
-        hidden: Pairs of variation and object where the target hides the object's center from the front camera.
+        hidden: Pairs of a variation and an object whose center is hidden from the front camera by the target.
     """
 
     slots: Mapping[str, Slot]
@@ -182,7 +185,7 @@ def _open_yaw(
 ) -> float:
     """Return the target heading that hides the fewest goal objects from the camera [rad].
 
-    Among equally good headings, the one that is usual in the suite is preferred.
+    Among equally good headings, the usual heading in the suite is preferred.
     """
     if name not in matches:
         return 0.0
@@ -259,7 +262,8 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     pairs = _together(clusters)
     rounds = min(_ROUNDS, 30 + _MOST_STEPS // max(1, len(pairs)))
     for number in range(rounds):
-        if number < 2 * rounds // 3:  # afterward, slots are only pushed apart
+        # After this round, slots are only pushed apart.
+        if number < 2 * rounds // 3:
             places += 0.05 * (wished - places)
         for i, j in pairs:
             _push_apart(places, wished, clusters, i, j)
@@ -269,7 +273,8 @@ def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, s
     crowded = []
     for i, j in pairs:
         missing = min(_overlaps(places, clusters, i, j)) - _gap_m(clusters[i], clusters[j])
-        if missing > _ROUNDING_M:  # the objects themselves overlap
+        # The objects overlap, and not only the clearances around them.
+        if missing > _ROUNDING_M:
             crowded.append((clusters[i].name, clusters[j].name, round(missing, 4)))
     return places, tuple(crowded)
 
@@ -295,7 +300,7 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
 
 
 def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return how much additional clearance two slots need along x and y [m].
+    """Return the additional clearance that two slots need along x and y [m].
 
     Negative values mean that the clearance is large enough.
     """

@@ -179,7 +179,7 @@ def _suitability(
 ) -> float:
     """Return a factor in (0, 1] for the search score of an asset.
 
-    It is below 1 if the noun or the color differs from that of the object, or if the category is already in use.
+    The factor is below 1 if the asset's noun or color differs from the object's, or if its category is already in use.
     """
     exact = _noun_of(hit.entry.category) in nouns
     category, own = hit.entry.category, hit.entry.color

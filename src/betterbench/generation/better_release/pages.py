@@ -22,7 +22,7 @@ class Imported:
     """Imported release task, with its library assets and the results of the audit and the certification.
 
     Attributes:
-        certificate: Certification results by condition of our task. Empty if the task was not certified.
+        certificate: Certification result of each condition of our task. Empty if the task was not certified.
     """
 
     release: ReleaseTask
@@ -120,7 +120,7 @@ def counts_of(findings: Sequence[Finding]) -> tuple[int, int]:
 
 
 def audit_markdown(tasks: Iterable[Imported], *, suite: str | None) -> str:
-    """Format audits as Markdown. The arguments are those of :func:`audit_form`."""
+    """Format audits as Markdown. The arguments are the same as for :func:`audit_form`."""
     lines = ["# Audit of a BeTTER release", ""]
     if suite is not None:
         lines += [f"The tasks in our form are in {markdown_code(suite)}.", ""]

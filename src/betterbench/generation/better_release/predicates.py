@@ -33,7 +33,8 @@ SYNONYMS = {"left": "left_of", "right": "right_of", "front": "front_of", "back":
 def box_of(pose: ReleasePose, size_m: Vector) -> Box:
     """Return the axis-aligned box of an object at its position.
 
-    The rotation is ignored. As a lower estimate, both horizontal sides have the length of the object's shorter side.
+    The rotation is ignored. Both horizontal sides have the length of the object's shorter side, so the box is a lower
+    estimate of the size.
     """
     side = min(size_m[:2])
     x, y, z = pose.position

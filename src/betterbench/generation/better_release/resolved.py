@@ -88,7 +88,7 @@ def _resolved(task: ReleaseTask, variation: VariationFile) -> Resolved:
         goal_relation=relation,
         groups=groups,
         poses={**base.pose_overrides, **variation.pose_overrides},
-        # The changes of a variation apply to the predicates derived from its groups. Those of the base are not
+        # The changes of a variation apply to the predicates derived from its groups. Changes of the base are not
         # inherited.
         success=_overridden(success, variation.policy_overrides.success),
         fail=_overridden(fail, variation.policy_overrides.fail),

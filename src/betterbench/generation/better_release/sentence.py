@@ -85,7 +85,8 @@ class Lexicon:
     """Nouns that can refer to the objects of a task.
 
     Args:
-        task: Task with the objects. Objects that are not in the scene also have nouns, so that they can be recognized.
+        task: Task with the objects. Objects that are not in the scene have nouns too, so that an instruction that names
+            them is recognized.
     """
 
     def __init__(self, task: ReleaseTask) -> None:
@@ -182,7 +183,7 @@ def classes_of(noun: Noun) -> tuple[Noun, ...]:
 
 
 def nouns_of(instance: ReleaseInstance, name: str = "") -> tuple[Noun, ...]:
-    """Return the nouns of an object, starting with the usual one: "juice box", "box".
+    """Return the nouns of an object, starting with the usual noun: "juice box", "box".
 
     Args:
         instance: Object. The nouns are taken from its semantic name, or else from its query and description.

@@ -29,16 +29,16 @@ from betterbench.tasks.interventions import vary
 
 _UNSEEN = "a training condition is not in view"
 FEWEST_VARIATIONS, FEWEST_AXES = 4, 3
-"""Minimum numbers of variations of a task, and of axes among them."""
+"""Minimum number of variations of a task, and minimum number of axes that they cover."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Change to a task that is tried after an attempt has failed.
+    """Change to a task that is tried after an attempt to build the task has failed.
 
     Attributes:
         words: Description of the change.
-        slots: Seed for drawing the slots.
+        slots: Seed for choosing the slots at random.
         assets: Index of the choice of assets, starting at 0. Each choice uses different assets.
         demonstrations: Factor for the number of demonstrations.
     """
@@ -56,8 +56,10 @@ CHANGES = (
     _Change("other slots", slots=2),
     _Change("other assets for the same descriptions", assets=1),
 )
-"""Changes in the order in which they are tried. More demonstrations help only if a pose is outside the training
-distribution (clause b)."""
+"""Changes in the order in which they are tried.
+
+More demonstrations help only if a pose is outside the training distribution (clause b).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ class Built:
         made: Task of the successful attempt. None if every attempt failed.
         proof: Demonstrations and certificates of the task. None if every attempt failed.
         choices: Assets chosen for the descriptions.
-        attempts: All attempts. The last one succeeded if ``made`` is not None.
+        attempts: All attempts. The last attempt succeeded if ``made`` is not None.
         left_out: Variations that were left out because they failed their certificate.
     """
 
@@ -92,7 +94,7 @@ def build_task(
 ) -> Built:
     """Build a certified task from a scenario, or return the reason why every attempt failed.
 
-    A scenario is rejected without an attempt if its groups differ from those of the template, or if its instruction
+    A scenario is rejected without an attempt if its groups are not the groups of the template, or if its instruction
     states a goal that the template does not support.
     """
     problem = _problem_of(scenario)
@@ -120,10 +122,11 @@ def build_task(
                 attempts.append(Attempt(change.words, f"{lacking} ({reasons})" if reasons else lacking))
                 continue
             with provisional(task) as known:
-                task_to_json(known)  # reject a task that cannot be written before the long examination
-                bare = [
-                    c for c in known.training if not c.preplaced
-                ]  # conditions with pre-placed objects start in final states of demonstrations
+                # Before the long examination, reject a task that cannot be written to a file.
+                task_to_json(known)
+                # Conditions with pre-placed objects cannot be built yet, because they start in final states of
+                # demonstrations.
+                bare = [c for c in known.training if not c.preplaced]
                 unseen = badly_framed(known, bare, seeds=settings.seeds)
                 if unseen:
                     attempts.append(Attempt(change.words, _UNSEEN, unseen))
@@ -152,7 +155,7 @@ def build_task(
 
 
 def _problem_of(scenario: Scenario) -> str:
-    """Return the reason why no attempt can turn a scenario into a task, or an empty string if it is worth trying."""
+    """Return the reason why no task can be built from a scenario, or an empty string if an attempt may succeed."""
     try:
         require_groups(scenario)
     except BetterError as error:
@@ -170,7 +173,7 @@ def _untrained(task: Task, failures: Sequence[Failure], unseen: Sequence[Failure
 
 
 def _lacking(task: Task) -> str:
-    """Return a message if too few variations of a task are left. Otherwise, return an empty string."""
+    """Return a message if too few variations of a task are left, or an empty string."""
     axes = {v.axis for v in task.variations}
     if len(task.variations) >= FEWEST_VARIATIONS and len(axes) >= FEWEST_AXES:
         return ""

@@ -37,7 +37,7 @@ _BUILDABLE = Filters(license="any", source=NAME)
 _ALMOST = 0.8
 """Minimum score of an asset, relative to the best suitable asset, at which the asset is considered almost as good."""
 _FIXED = ("on_ring", "in_hole", "closed")
-"""Relations whose target is fixed to the table, because objects are pushed into it."""
+"""Relations whose target is fixed to the table, because objects are pushed into the target."""
 _ADJECTIVES = """
 big bright ceramic clean compact cylindrical dark deep empty flat folded fresh full glass glossy heavy juicy large
 leather light little long matte metal metallic modern narrow new old open ordinary paper plain plastic porcelain ripe
@@ -179,8 +179,8 @@ def _phrases(tags: Sequence[str]) -> set[tuple[str, ...]]:
 def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
     """Return whether a word or one of its synonyms names an asset.
 
-    The word must be the last one in the asset's name, or a tag that names the object rather than its material, place or
-    use.
+    The word must be the last word of the asset's name, or a tag that names the object rather than its material, place
+    or use.
     """
     names = _phrases(entry.tags) | {tuple(terms(entry.name)[-1:])}
     if word in names or word in _traits():
@@ -190,7 +190,7 @@ def _is_named(word: tuple[str, ...], entry: CatalogueEntry) -> bool:
 
 
 def _colors_in(described: DescribedObject) -> tuple[str, ...]:
-    """Return the distinct color words in a description, starting with those in its search query."""
+    """Return the distinct color words in a description, starting with the color words in its search query."""
     said = [*terms(described.asset_query), *terms(described.description)]
     return tuple(dict.fromkeys(word for word in said if word in COLORS))
 

@@ -16,7 +16,7 @@ class Choice:
     Attributes:
         group: Object group of the description.
         described: Description of the object.
-        entry: Row of the catalogue with the chosen asset.
+        entry: Catalogue row of the chosen asset.
         score: Search score in (0, 1].
         passed_over: Better search results that are not suitable for the group, with the reason.
     """

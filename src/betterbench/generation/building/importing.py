@@ -41,8 +41,9 @@ class ImportedMeshes:
 def import_missing(scenarios: Sequence[Scenario], library: Catalogue, user: Catalogue, out: Path) -> ImportedMeshes:
     """Import, certify and load meshes for descriptions that match no library object.
 
-    Meshes are found by the words of a description. Their names must contain these words, their licenses must be free,
-    and they must pass ``better assets check``. If the call is repeated, assets that were already imported are kept.
+    The words of a description are used to search for meshes. A mesh is imported if its name contains these words, its
+    license is free, and it passes ``better assets check``. If the call is repeated, assets that were already imported
+    are kept.
 
     Args:
         scenarios: Scenarios of the build.

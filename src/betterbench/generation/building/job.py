@@ -96,7 +96,7 @@ def build_suite(
     """
     if not scenarios:
         raise InvalidInputError("scenarios", "the list is empty", "Pass at least one scenario")
-    require_suite_name(name)  # check before hours of work
+    require_suite_name(name)  # check the name before the build, which takes hours
     settings = settings or Settings()
     if meshes is not None:
         index_library(out)
@@ -226,7 +226,8 @@ def _stored(out: Path, item: BuildItem, settings: Settings) -> Result | None:
     if not path.exists():
         return None
     form = open_seal(read_bounded(path, max_bytes=_MOST_BYTES, cure=_CURE), where=str(path), cure=_CURE)
-    if form.get("key") != _key(item, settings):  # a result of other settings or another version may have another format
+    # The format of a result with other settings or from another version may differ, so it is not parsed.
+    if form.get("key") != _key(item, settings):
         return None
     return read_form(_RESULT, form, where=str(path), cure=_CURE)
 

@@ -26,9 +26,9 @@ _ALIKE_SIZE = 0.5
 def look_alikes_in(
     cast: Cast, rows: Mapping[str, CatalogueEntry], catalogue: Catalogue
 ) -> Iterator[tuple[str, tuple[ObjectSpec, ...]]]:
-    """For each item, yield its name and a list of distractors that have its color or shape.
+    """Yield the name of each item with a list of distractors that have the item's color or shape.
 
-    The distractors differ from the item in kind. The most similar one comes first.
+    The distractors are objects of other kinds. The most similar distractor comes first.
     """
     present = [spec for specs in cast.groups.values() for spec in specs]
     candidates = _graspable(catalogue, {spec.category for spec in present})

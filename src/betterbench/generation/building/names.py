@@ -12,11 +12,11 @@ from betterbench.sim.assets.catalogue.expansion import COLORS, understood
 from betterbench.sim.assets.catalogue.terms import terms
 
 SYNONYMS = 2
-"""Number of tags of an asset, from the first one, that are always accepted as its names."""
+"""Number of leading tags of an asset that are always accepted as names of the asset."""
 
 
 def kinds_of(chosen: Sequence[Choice]) -> list[str]:
-    """Return a noun phrase for each object. It includes the color if the noun alone would be ambiguous."""
+    """Return a noun phrase for each object, including the color if the noun alone would be ambiguous."""
     nouns = _nouns(chosen)
     kinds = []
     for i, choice in enumerate(chosen):
@@ -69,9 +69,10 @@ def _phrases_of(noun: str) -> tuple[tuple[frozenset[str], ...], ...]:
     Results are cached, because a noun is compared with every asset.
     """
     said = [[phrase for phrase, _ in concept.alternatives] for concept in understood(noun).concepts]
-    if not said:  # the search ignores "can" as a verb
+    # The result is empty for "can", because the search ignores it as a verb.
+    if not said:
         said = [[tuple(terms(noun))]]
-    elif len(said) == 1:  # and omits it in "trash can"
+    elif len(said) == 1:  # the search omits "can" in "trash can" for the same reason
         said[0][0] = tuple(terms(noun))
     return tuple(tuple(map(frozenset, phrases)) for phrases in said)
 
@@ -96,7 +97,8 @@ def _noun(choice: Choice) -> str:
 def noun_of(entry: CatalogueEntry) -> str:
     """Return the noun that instructions use for an asset.
 
-    This is the tag that consists of the same words as the name of the asset. If there is none, it is the first tag.
+    The noun is the tag with the same words as the name of the asset. If there is no such tag, the first tag is
+    returned.
     """
     named = set(terms(entry.name))
     return next((tag for tag in entry.tags if set(terms(tag)) == named), entry.tags[0] if entry.tags else entry.name)

@@ -51,7 +51,7 @@ class Proof:
 
 @contextmanager
 def provisional(task: Task) -> Iterator[Task]:
-    """Context manager that registers a task while it is open.
+    """Return a context manager that registers a task until the context is left.
 
     The task's conditions and trials can then be looked up by name.
     """

@@ -1,4 +1,4 @@
-"""Stored results of a build. They can be read without a simulator."""
+"""Stored results of a build, which can be read without a simulator."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task
 
 CLAUSE = "view"
-"""Name of this requirement on report pages, where it is listed next to the clauses of the certificate."""
+"""Name of the framing requirement on report pages, where it is listed next to the clauses of the certificate."""
 MEANING = "the front camera shows every object of the instruction"
 
 

@@ -5,7 +5,7 @@ It consists of themes. A theme is a context with library objects that plausibly 
 - ``templates``: the themes of each template, one file each.
 - ``theme``: pools of objects, groups, themes, and the registry of grammars.
 - ``nouns``: noun phrases of the library's categories, with the sizes and masses of their assets.
-- ``author``: seeded choice of different scenarios.
+- ``author``: seeded random choice of different scenarios.
 """
 
 from betterbench.generation.grammar import templates  # noqa: F401  (imported to register the grammars)

@@ -1,4 +1,4 @@
-"""Author that needs no language model. It uses a seed to draw scenarios from the themes of a template."""
+"""Author that writes scenarios without a language model. It draws them at random from the themes of a template."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from betterbench.sim.assets.catalogue.terms import terms
 MOST_SCENARIOS = 10_000
 """Maximum number of scenarios that one call may request."""
 _COMPARED = 400
-"""Number of candidates drawn from a theme. The candidate least similar to earlier scenarios is used."""
+"""Number of candidate scenarios drawn from a theme. The candidate least similar to earlier scenarios is used."""
 
 GoalKey = tuple[tuple[str, tuple[Kind, ...]], ...]
-"""Object kinds that a goal uses in each object group of the template, without regard to order.
+"""Key of the objects chosen for each group, ignoring the order of the objects.
 
-Two scenarios with equal keys are near-duplicates of each other.
+Near-duplicate choices have equal keys.
 """
 
 
@@ -55,7 +55,7 @@ def grammar_of(template: str) -> Grammar:
 
 
 def goal_key(choice: Choice) -> GoalKey:
-    """Return a key for a choice of objects.
+    """Return a key that identifies a choice of objects.
 
     Choices with the same categories and colors in each group have the same key.
     """
@@ -64,7 +64,10 @@ def goal_key(choice: Choice) -> GoalKey:
 
 @functools.cache
 def distinct_goals(template: str) -> int:
-    """Return how many scenarios the grammar of a template can generate. Near-duplicates are counted only once."""
+    """Return the number of scenarios that the grammar of a template can generate.
+
+    Near-duplicates are counted only once.
+    """
     return len({goal_key(choice) for theme in grammar_of(template).themes for choice in theme.choices()})
 
 
@@ -74,7 +77,8 @@ def write_scenarios(
     """Return different scenarios of a template.
 
     The themes are used in turn, in an order drawn from the seed. Each theme contributes the scenario that is least
-    similar to the earlier ones, so categories vary before colors do. The first scenarios do not depend on ``count``.
+    similar to the earlier scenarios, so categories vary before colors do. The first scenarios do not depend on
+    ``count``.
 
     Args:
         template: Name of the template.
@@ -117,7 +121,8 @@ def _drawn(
     turns = rng.permutation(len(themes)).tolist()
     keys: set[GoalKey] = set()
     uses: Counter[object] = Counter()
-    known: dict[int, tuple[tuple[object, int], ...]] = {}  # by identity: most choices are compared many times
+    # Cache by the identity of the choice, because most choices are compared many times.
+    known: dict[int, tuple[tuple[object, int], ...]] = {}
 
     def repetition(choice: Choice) -> int:
         if id(choice) not in known:

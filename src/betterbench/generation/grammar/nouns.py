@@ -138,7 +138,7 @@ def capitalized(text: str) -> str:
 def measured(category: str) -> Measures:
     """Return the ranges of mass and size for a category.
 
-    They are read from ``measures.json``. Categories added by a user are not in this file, so they are measured.
+    The ranges are read from ``measures.json``. Categories added by a user are not in this file, so they are measured.
     """
     return _stored().get(category) or measure(category)
 
@@ -169,5 +169,5 @@ def _stored() -> Mapping[str, Measures]:
 
 
 def measured_categories() -> tuple[str, ...]:
-    """Return the categories that the grammar uses, sorted."""
+    """Return the sorted categories of the grammar."""
     return tuple(sorted((*PHRASES, "spice_jar")))

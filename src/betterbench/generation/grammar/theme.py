@@ -24,8 +24,8 @@ class Pool:
         categories: Asset categories of the library.
         count: Number of objects drawn for a scenario.
         colors: Allowed colors. If it is empty, all colors of the category are allowed.
-        by_color: Whether the drawn objects differ in color and may have the same category. Otherwise, they differ in
-            category.
+        by_color: Whether the drawn objects must differ in color but may have the same category. If it is false, they
+            must differ in category.
         only: Allowed kinds (category and color). If it is empty, all kinds are allowed.
     """
 
@@ -58,9 +58,10 @@ class Group:
 
     Attributes:
         pools: Pools that the objects are drawn from.
-        colors_differ: Whether all objects must have different colors. Otherwise, it is enough that no two are
-            identical.
-        follows: Group with the color that the objects must have. Drawers, for example, have the color of the cabinet.
+        colors_differ: Whether all objects must have different colors. If it is false, no two objects may be identical,
+            but colors can repeat.
+        follows: Name of the group whose color the objects must have. For example, drawers have the color of the
+            cabinet.
     """
 
     pools: tuple[Pool, ...]
@@ -101,7 +102,7 @@ class Theme:
 
     def choices(self, fits: Callable[[str, tuple[Kind, ...]], bool] = lambda _group, _kinds: True) -> Iterator[Choice]:
         """Yield all choices of objects for the theme in which the objects of every group pass ``fits``."""
-        known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # the choices of a group depend on a color alone
+        known: dict[tuple[str, str], list[tuple[Kind, ...]]] = {}  # by group and color
 
         def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
             key = name, self.groups[name].color_after(before)
@@ -126,7 +127,7 @@ class Grammar:
     Attributes:
         template: Template that the scenarios fill.
         themes: Themes of the template.
-        requested: Name for scenarios with objects that the user named but that no theme contains.
+        requested: Name of a scenario whose objects were named by the user and occur together in no theme.
         general: Instruction for these scenarios.
         most_items: Maximum number of items that the pattern of the template supports.
     """

@@ -1,8 +1,8 @@
 """Resumable job that fills a suite with certified tasks under quotas.
 
 Scenarios are drawn in rounds. Each draw depends on the seed, the tasks accepted in earlier rounds, and the earlier
-draws of the same round. It does not depend on the number of workers or on timing, and is stored before it is built.
-Running the same command again therefore resumes an interrupted job and produces the same files.
+draws of the same round, but not on the number of workers or on timing. A drawn scenario is stored before its task is
+built. Running the same command again therefore resumes an interrupted job and produces the same files.
 """
 
 from __future__ import annotations
@@ -43,8 +43,10 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.vqa.llm import Chat
 
 ROUND = 32
-"""Number of scenarios per round. Results are taken into account after each round. Since the number does not depend on
-the number of workers, the resulting suite does not either.
+"""Number of scenarios per round.
+
+The results of a round affect the next draws only when the whole round has finished. The number is the same for any
+number of workers, so the resulting suite does not depend on the number of workers.
 """
 ATTEMPTS_PER_TASK = 3
 """Default maximum number of built scenarios per requested task."""
@@ -62,8 +64,8 @@ class GrowSettings:
         until: Number of certified tasks. The growth stops when the suite has this number of tasks.
         author: Template, model, seed and vocabulary of the scenarios. An empty target means all templates.
         build: Number of seeds to certify, and number of demonstrations.
-        quotas: Minimum and maximum amounts that the suite must have.
-        distinct: What near-duplicate tasks have in common: the categories of their objects ("categories"), or the
+        quotas: Minimum and maximum amounts that the suite must satisfy.
+        distinct: Definition of near-duplicate tasks: their objects have the same categories ("categories"), or the same
             categories and colors ("colors").
         unlike: Suites to compare with: "better60", or folders. Near-duplicates of their tasks are left out.
         max_attempts: Maximum number of scenarios that are built. If it is None, three are built per requested task.
@@ -115,7 +117,7 @@ class GrowProgress:
     """Progress of growing a suite.
 
     Attributes:
-        accepted: Number of certified tasks, including those of the current round.
+        accepted: Number of certified tasks, including the tasks of the current round.
         refused: Number of scenarios that could not be certified.
         left_out: Number of proposed scenarios that were not built.
         last: Result of the last scenario that was built. None while scenarios are drawn.
@@ -138,7 +140,7 @@ class PreparedGrowth:
 
     Attributes:
         settings: Settings that were checked.
-        known: Names of the tasks in other suites, by their near-duplicate key (see ``likeness``).
+        known: Names of the tasks in other suites, by near-duplicate key (see ``likeness``).
         offline: Author that uses the grammar. None if a model is used.
     """
 
@@ -148,7 +150,7 @@ class PreparedGrowth:
 
 
 def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
-    """Check the settings of a growing suite.
+    """Check the settings for growing a suite.
 
     Raises:
         InvalidInputError: If a number is out of range, the quotas contradict each other, or the grammar has too few
@@ -177,7 +179,7 @@ def prepare_growth(settings: GrowSettings) -> PreparedGrowth:
 
 
 class _UnlimitedSupply:
-    """Supply of scenarios from a model. It is assumed to be unlimited."""
+    """Supply of scenarios from a model, which is assumed to be unlimited."""
 
     def __init__(self, templates: Sequence[str]) -> None:
         self.templates = templates
@@ -296,7 +298,7 @@ class _Growing:
     def _drawn(self, size: int) -> list[Proposal]:
         """Return the scenarios of the next round.
 
-        Stored proposals are used first. After that, new ones are requested.
+        Stored proposals are used first. After that, new proposals are requested.
         """
         drawn: list[Proposal] = []
         self._round = self._waiting[0].round if self._waiting else self._round + 1

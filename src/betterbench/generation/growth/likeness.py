@@ -15,9 +15,9 @@ from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.condition import Role
 
 Distinct = Literal["categories", "colors"]
-"""Smallest difference with which two tasks are not near-duplicates.
+"""Smallest difference that makes two tasks count as different instead of near-duplicates.
 
-With "categories", an object must have a different category. With "colors", a different color is enough.
+With "categories", at least one object must have a different category. With "colors", a different color is enough.
 """
 
 _RECEIVERS: tuple[Role, ...] = ("container", "fixture")

@@ -36,8 +36,8 @@ class Proposal:
         round: Round that proposed the scenario, counted from 1.
         template: Requested template.
         context: Requested context. Empty if any context was allowed.
-        outcome: "drawn" if the scenario is built, otherwise the category of the problem.
-        key: Key that near-duplicates of the scenario share. Empty if it is unknown.
+        outcome: "drawn" if the scenario is built, or else the category of the problem.
+        key: Key that is equal for near-duplicates of the scenario. Empty if it is unknown.
         task_id: Identifier of the task if the scenario is built.
         scenario: Scenario in its stored form. None if the author wrote none.
         problem: Reason why the scenario is not built: the earlier task with the same goal, or the first problem in the

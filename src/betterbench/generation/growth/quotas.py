@@ -39,14 +39,15 @@ _EXAMPLE = "Write PROPERTY=VALUE:AMOUNT, such as template=loose_packing:20%, con
 class Quota:
     """Minimum and maximum amount of tasks or variations with a property.
 
-    An example is at least 20 % of the tasks for one template.
+    For example, at least 20 % of the tasks must use one template.
 
     Attributes:
         kind: Property, such as "template".
         value: Value of the property, such as the name of a template.
         least: Minimum amount, as a percentage or a count.
         most: Maximum amount in the same unit, or None if there is no maximum.
-        in_percent: Whether the amounts are percentages: of all variations for an axis, otherwise of all tasks.
+        in_percent: Whether the amounts are percentages: of all variations for an axis, or of all tasks for any other
+            property.
     """
 
     kind: Kind
@@ -190,7 +191,7 @@ def quotas_from_form(form: Mapping[str, Any], *, where: str) -> tuple[Quota, ...
 
 
 class Supply(Protocol):
-    """What is known about the scenarios that an author can write."""
+    """Templates, contexts and number of the scenarios that an author can write."""
 
     @property
     def templates(self) -> Sequence[str]:
@@ -204,7 +205,7 @@ class Supply(Protocol):
 
 
 def require_consistent(quotas: Sequence[Quota], until: int, supply: Supply, *, best_share: Mapping[str, float]) -> None:
-    """Check that quotas are consistent with each other, with the number of tasks, and with what the author can write.
+    """Check that quotas are consistent with each other, with the number of tasks, and with the author's supply.
 
     Args:
         quotas: Quotas to check.

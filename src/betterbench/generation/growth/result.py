@@ -19,7 +19,7 @@ of scenarios has been built.
 
 @dataclass(frozen=True, slots=True)
 class QuotaStanding:
-    """A quota, and how much of it is fulfilled.
+    """A quota with its current and required amounts.
 
     Attributes:
         quota: The quota as written in the option.
@@ -49,7 +49,7 @@ class GrownTask:
     Attributes:
         result: Result of building the task.
         context: Context of the task's scenario.
-        key: Key that near-duplicates of the task share.
+        key: Key that is equal for near-duplicates of the task.
         difficulty: Level of difficulty.
         expert_s: Median time of the expert in the variations of the task [s].
         variations: Number of variations by axis.
@@ -75,7 +75,7 @@ class Growth:
         tasks: Certified tasks, in order. Tasks with a ``set_aside`` reason are not part of the suite.
         refused: Results of the scenarios that could not be certified.
         proposals: All proposals. Those whose outcome is not "drawn" were not built.
-        quotas: All quotas, and how much of each is fulfilled.
+        quotas: All quotas, each with its current amount.
         goals: Number of different goals in the author's scenarios, or None if it is not known.
         near_duplicates: Number of scenarios that were left out because they are near-duplicates.
         known_goals: Number of goals that were left out because a task in another suite has them.

@@ -23,9 +23,9 @@ from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SAMPLED = 48
-"""Number of color choices that are compared for a goal. The choice with the least-used colors is taken."""
+"""Maximum number of random color choices compared for a goal. The choice with the least-used colors is taken."""
 COMPARED = 400
-"""Number of goals that are compared for a context. The goal least similar to earlier goals is taken."""
+"""Maximum number of goals compared for a context. The goal least similar to earlier goals is taken."""
 PATIENCE = 5
 """Number of consecutive answers without a new scenario after which a template is considered exhausted."""
 
@@ -42,9 +42,9 @@ class Proposed:
     """Scenario that an author proposes, or the reason why there is none.
 
     Attributes:
-        outcome: "drawn" if the scenario can be built, otherwise the category of the problem.
+        outcome: "drawn" if the scenario can be built, or else the category of the problem.
         scenario: The scenario. None if the author wrote none.
-        key: Key that near-duplicates of the scenario share. Empty if it is unknown.
+        key: Key that is equal for near-duplicates of the scenario. Empty if it is unknown.
         problem: Reason why the scenario cannot be built.
     """
 
@@ -57,7 +57,7 @@ class Proposed:
 class Source(Protocol):
     """Author that proposes the next scenario for a growing suite.
 
-    It also reports which scenarios it can write, see :class:`~.quotas.Supply`.
+    It also reports the scenarios that it can write, see :class:`~.quotas.Supply`.
     """
 
     @property
@@ -86,8 +86,8 @@ class OfflineSource:
     Args:
         templates: Names of the templates that the author uses.
         seed: Seed of all draws.
-        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
-            categories and colors ("colors").
+        distinct: Definition of near-duplicate scenarios: their objects have the same categories ("categories"), or the
+            same categories and colors ("colors").
         known: Keys of existing tasks. Near-duplicates of these tasks are left out.
     """
 
@@ -137,7 +137,7 @@ class OfflineSource:
         return [cell for cell, keys in self._left.items() if keys]
 
     def propose(self, cell: Cell, number: int) -> Proposed:
-        """Return the scenario for a template and context with the least-used categories and colors."""
+        """Return the scenario with the least-used categories and colors for a template and context."""
         fresh = itertools.islice((key for key in self._left[cell] if key not in self._done), COMPARED)
         key = min(fresh, key=lambda k: self._cost(cell, self._choices[cell, k][0][1], colored=False))
         rng = np.random.default_rng([self._seed, number, *cell.template.encode()])
@@ -189,8 +189,8 @@ class ModelSource:
         contexts: Contexts that may be requested. A request may also leave the context to the model.
         tries: Maximum number of answers requested per scenario.
         open_vocabulary: Whether the model may use objects that are not in the library.
-        distinct: What near-duplicate scenarios have in common: the categories of their objects ("categories"), or the
-            categories and colors ("colors").
+        distinct: Definition of near-duplicate scenarios: their objects have the same categories ("categories"), or the
+            same categories and colors ("colors").
         known: Names of existing tasks, by their near-duplicate key.
     """
 

@@ -15,7 +15,10 @@ from betterbench.generation.growth.sources import Cell
 from betterbench.tasks import Axis
 
 _LIKELY = 0.5
-"""Fraction of a template's tasks above which their level of difficulty is expected for the next task too."""
+"""Minimum fraction of a template's tasks with the same level of difficulty.
+
+Above this fraction, the next task of the template is expected to have this level too.
+"""
 _TASK_KINDS: tuple[Kind, ...] = ("template", "context", "difficulty")
 
 
@@ -51,7 +54,7 @@ _EXPECTED: Mapping[str, tuple[str, str]] = {
 class _Mix:
     """Mean properties of the tasks of a template.
 
-    These are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
+    The properties are the number of variations on each axis, and the fraction of tasks with each level of difficulty.
     """
 
     def __init__(self, template: str) -> None:
@@ -100,7 +103,7 @@ class _Tally:
         return other
 
     def of(self, kind: Kind, value: str) -> float:
-        """Return how many tasks have a certain value of a property.
+        """Return the number of tasks with a certain value of a property.
 
         For an axis, variations are counted instead of tasks.
         """
@@ -120,7 +123,7 @@ class _Tally:
             self.variations += number
 
     def expect(self, cell: Cell, mix: _Mix) -> None:
-        """While a scenario is being built, count it as an accepted task with the mean properties of its template."""
+        """Count a scenario that is being built as an accepted task with the mean properties of its template."""
         self.tasks += 1
         self._count("template", cell.template, 1.0)
         self._count("context", cell.context, 1.0)
@@ -156,7 +159,7 @@ class Steering:
         self._drawn.update([f"template {cell.template}", f"context {cell.context}"])
 
     def choose(self, cells: Iterable[Cell], pending: Sequence[Cell]) -> Cell | None:
-        """Return the template and context of the next scenario, or None if the quotas allow none.
+        """Return the template and context of the next scenario, or None if the quotas allow no further scenario.
 
         The choice is the template and context with which a task would help to fill the most open quotas. If several are
         equally helpful, the least-used ones are chosen. If all missing tasks are needed to reach the minimums for a
@@ -194,7 +197,7 @@ class Steering:
         )
 
     def _need(self, tally: _Tally, kind: Kind, value: str) -> float:
-        """Return how many more tasks are needed to reach the minimum in the quota for a value."""
+        """Return the number of tasks that are missing to reach the minimum in the quota for a value."""
         for quota in self._quotas:
             if quota.kind == kind and quota.value == value:
                 return max(0.0, quota.least_of(self._until) - tally.of(kind, value))
@@ -204,7 +207,7 @@ class Steering:
         return sum(self._need(tally, kind, q.value) for q in self._quotas if q.kind == kind)
 
     def _served(self, cell: Cell, tally: _Tally) -> float:
-        """Return how many open quotas a task with a given template and context is expected to help fill."""
+        """Return the expected number of open quotas that a task with a given template and context helps to fill."""
         mix, found = self._mixes[cell.template], 0.0
         for quota in self._quotas:
             match quota.kind:
@@ -218,7 +221,7 @@ class Steering:
         return round(found, 9)
 
     def _served_axis(self, quota: Quota, mix: _Mix, tally: _Tally) -> float:
-        """Return how much a task helps to fill the quota for an axis, from 0 to 1.
+        """Return how much a task of a given template helps to fill the quota for an axis, from 0 to 1.
 
         The value is relative to the template with the largest fraction of variations on this axis.
         """

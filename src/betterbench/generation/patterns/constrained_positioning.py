@@ -1,6 +1,7 @@
 """Constrained positioning: the named cup or mug is put on the marked ring of a fixture.
 
-In training, instructions for the first layout name only the object, and those for the second layout only its position.
+In training, instructions for the first layout name only the object, and instructions for the second layout only its
+position.
 """
 
 import itertools
@@ -26,7 +27,7 @@ PLACES = {FAR.name: "top", NEAR.name: "bottom", MIDDLE.name: "middle"}
 """Words for the slots in the front camera image. The far slot is at the top of the image."""
 
 HALF_HAND_M = 0.0325
-"""Half the thickness of the gripper [m]. The gripper must stay in front of the head of the fixture."""
+"""Half the thickness of the gripper, which must stay in front of the head of the fixture [m]."""
 MARGIN_M = 0.004
 """Clearance between the head of the fixture and an object or the gripper [m]."""
 LONGEST_M = 0.13
@@ -150,7 +151,7 @@ class _Positioning:
     def _twin(self, training: tuple[Condition, ...], layout: int, asked: a.Instruction) -> str:
         """Return the training condition that serves as the twin of a variation.
 
-        This is the first training condition that has the same layout but an instruction for another item. Repeating the
+        It is the first training condition with the same layout and an instruction for another item. Repeating the
         motion of the twin therefore does not solve the variation.
         """
         scene = next(c for c in training if c.layout == _slots_of(self.layouts[layout]))
@@ -164,10 +165,10 @@ class _Positioning:
     def _balanced(self) -> list[Condition]:
         """Return the balanced conditions of the task.
 
-        Each word occurs in scenes with all items and an additional object, and in scenes with a single item. A single
-        item is alone, or together with the look-alike of another item. It is never together with its own look-alike,
-        because that scene is used in a test. Because of the additional object, the scenes with all items differ from
-        those of the tests. Only the words determine the target.
+        Each word for an item or a position occurs in scenes with all items and an additional object, and in scenes with
+        a single item. A single item is alone, or together with the look-alike of another item. It is never together
+        with its own look-alike, because that scene is used in a test. The additional object distinguishes the scenes
+        with all items from the test scenes. Only the words determine the target.
         """
         words = [*map(self.named, self.items), *(self.placed(s) for s in sorted(self.slots, key=lambda s: s.x))]
         around = {self.fixture: STAND, **dict.fromkeys(self.bystanders, ASIDE)}

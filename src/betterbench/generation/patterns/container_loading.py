@@ -41,11 +41,15 @@ WALL_M = 0.005
 LONGEST_M = 0.14
 """Maximum length of an object in a slot [m]."""
 TURNED = CABINET_BACK.yaw
-"""Heading of the slots for an object whose corners would otherwise touch the walls of a drawer [rad]. It is the heading
-of the cabinet.
+"""Heading of the slots for an object with corners, equal to the heading of the cabinet [rad].
+
+With another heading, the corners would touch the walls of a drawer.
 """
 CORNER_M = 0.005
-"""Distance by which corners may extend beyond half the length of an object [m]. The expert keeps a gap of this size."""
+"""Distance by which the corners of an object may extend beyond half of its length [m].
+
+The expert keeps a gap of this size to the walls.
+"""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_CABINET = "A drawer is found where the cabinet is, not where it was."
@@ -170,9 +174,9 @@ class _Loading:
     def _balanced(self) -> list[Condition]:
         """Return balanced conditions in four layouts.
 
-        Each object is put into each drawer, and the drawers are open or closed at the start. In a test, the instruction
-        is to put only the first object into the lower drawer. In the balanced conditions, this instruction is therefore
-        always combined with one about the other object.
+        Each object is put into each drawer, and the drawers are open or closed at the start. One test instruction puts
+        only the first object into the lower drawer. In the balanced conditions, such an instruction therefore always
+        mentions the other object too.
         """
         (first, second), upper, lower = self.items, self.upper, self.lower
         back, front = {self.cabinet: CABINET_BACK}, {self.cabinet: CABINET_FRONT}

@@ -1,4 +1,4 @@
-"""Draft of a generated task: its training conditions, its variations, and the variations left out."""
+"""Draft of a generated task: training conditions, variations, and variations that could not be derived."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class Draft:
     ) -> bool:
         """Add a variation.
 
-        The variation is listed as unbuilt instead if it is impossible, if it tests nothing new, or if its objects may
-        touch.
+        If the variation is impossible, tests nothing new, or has objects that could touch, it is listed as unbuilt
+        instead.
 
         Returns:
             Whether the variation was added.
@@ -100,7 +100,7 @@ class Draft:
         self.unbuilt.append(Unbuilt(axis, title, reason))
 
     def _problem(self, variation: a.Variation) -> str | None:
-        """Return the reason why a variation is impossible or does not test anything, or None if there is none."""
+        """Return the reason why a variation is impossible or tests nothing new, or None if it is valid."""
         try:
             condition = self._carried_out(variation)
         except BetterError as error:
@@ -130,9 +130,9 @@ class Draft:
     ) -> tuple[Condition, ...]:
         """Return balanced conditions with every order of the movable objects in the slots and with every instruction.
 
-        If there are more than three movable objects, only the cyclic rotations of their order are used. Objects that
-        the instruction does not request are missing in one of four conditions, and in every condition that would
-        otherwise be the same as a test.
+        If there are more than three movable objects, only the cyclic rotations of their order are used. An object that
+        the instruction does not request is left out of one in four conditions, and of every condition that would be the
+        same as a test with this object.
         """
         turned = ((*slots[i:], *slots[:i]) for i in range(len(slots)))
         orders = tuple(itertools.permutations(slots)) if len(slots) <= 3 else tuple(turned)
@@ -200,7 +200,7 @@ Choice = TypeVar("Choice")
 
 
 def first_that_fits(choices: Sequence[Choice], build: Callable[[Choice], GeneratedTask]) -> GeneratedTask:
-    """Build a task from each choice in turn, and return the first one where the objects have enough room.
+    """Build a task from each choice in turn, and return the first task in which the objects have enough room.
 
     Raises:
         InvalidInputError: If no choice leaves enough room. The error of the last choice is raised.

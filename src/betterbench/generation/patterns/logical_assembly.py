@@ -32,7 +32,10 @@ TABLE = Table(
 """Slots of the task cheeseburger in the suite."""
 
 _TALLEST_M = 0.15
-"""Maximum height of a stack above its base [m]. The arm can just carry the last layer over a stack of this height."""
+"""Maximum height of a stack above its base [m].
+
+This is the highest stack over which the arm can carry the last layer.
+"""
 
 BY_KIND = "Layers are found by what they are, not by where they lay in training."
 WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
@@ -70,9 +73,9 @@ class _Stack:
 
 @pattern(a.LOGICAL_ASSEMBLY)
 def logical_assembly(cast: Cast) -> GeneratedTask:
-    """Return a task in which layers are put on a base. The first layer is followed by one of two others.
+    """Return a task in which a first layer and then one of two other layers are put on a base.
 
-    If there are four layers, the fourth one is always put on top. Distractors are not used, because the layers occupy
+    If there are four layers, the fourth layer is always put on top. Distractors are not used, because the layers occupy
     all slots.
 
     Raises:
@@ -101,7 +104,7 @@ def logical_assembly(cast: Cast) -> GeneratedTask:
 
 
 def _require_heights(stack: _Stack) -> None:
-    """Check that every layer in a test is released within 5 mm of a release height in the demonstrations."""
+    """Check that each layer in a test has a release height within 5 mm of a height in the demonstrations."""
     one, two, three = stack.layers
     trained = [(one, two), (one, three)]
     tested = [*itertools.permutations(stack.layers, 2), *((o, o) for o in stack.layers[:1])]

@@ -1,4 +1,4 @@
-"""Loose packing: the first item and another one are put into a container, as in ``fruit_lunch`` and ``fast_food``."""
+"""Loose packing: the first item and another item are put into a container, as in ``fruit_lunch`` and ``fast_food``."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _has_lid(container: ObjectSpec) -> bool:
 
 
 def _holds_three(container: ObjectSpec, items: Sequence[ObjectSpec]) -> bool:
-    """Return whether the container has room for a third item. Demonstrations put only two items into it.
+    """Return whether the container has room for a third item, although demonstrations put only two items into it.
 
     A container with a lid has room for two items. In other containers, three items fit if they can lie side by side, or
     if they can be stacked without rising above the rim.
@@ -199,7 +199,7 @@ def _add_look_alikes(
 ) -> None:
     """Add two variations in which a look-alike takes the slot of the first item.
 
-    In one of them, the first item is missing. In the other one, it is in another slot.
+    In one variation, the first item is missing. In the other variation, the first item is in another slot.
     """
     for other in look_alikes_of(cast, first):
         before = len(draft.variations)
@@ -215,7 +215,10 @@ def _add_look_alikes(
 
 
 def _add_repeated(draft: Draft, items: Sequence[ObjectSpec], asked: functools.partial[a.Instruction]) -> None:
-    """Add a variation in which two identical objects are packed. The second one starts in the slot of another item."""
+    """Add a variation in which two identical objects are packed.
+
+    The second object starts in the slot of another item.
+    """
     repeated = next((o for o in items[:3] if is_countable(o.kind)), None)
     if repeated is None:
         draft.leave_out("T", "two equal objects to be packed", "no item has a plural")

@@ -16,7 +16,7 @@ class Unbuilt:
 
     Attributes:
         axis: Letter of the axis ("O").
-        title: Short description of how the variation differs from training.
+        title: Short description of the difference from training.
         reason: Reason why the variation could not be derived, with a remedy.
     """
 

@@ -39,8 +39,9 @@ _DESKS = tuple(
 )
 """Choices of slots as in the suite's task desk_meeting: six slots in front, three for each position of the anchor.
 
-The anchor has less jitter than in the suite, so that objects do not touch after an exchange. It is as far from the
-robot as the objects in front of it allow. If it were nearer, less space behind a laptop would be reachable."""
+The anchor has less jitter than in the suite, so that objects do not touch after an exchange. The anchor is as far from
+the robot as the objects in front of it allow, because a laptop closer to the robot would leave less reachable space
+behind it."""
 
 _SETTING = Table(
     starts=(
@@ -65,14 +66,17 @@ _FRONT_M = 0.070
 _NARROW_M = 0.072
 """Maximum width of an object behind an anchor [m].
 
-There is little room for the gripper, and none for the handle of a mug.
+Behind an anchor, there is little room for the gripper, and no room for the handle of a mug.
 """
 _WIDE_M = 0.115
 """Maximum width of an object at any other side of an anchor [m]."""
 _CUTLERY_M = 0.09
 """Maximum radius of a piece of cutlery at the edge of the table [m]."""
 _TRIED_LAST = ("behind", "upper_right")
-"""Sides with little room. The third item goes to the first of them that the anchor has."""
+"""Sides with little room, in order of preference.
+
+The third item goes to the first of these sides that the anchor has.
+"""
 
 BY_KIND = "Objects are found by what they are, not by where they stood in training."
 BY_ANCHOR = "A side is relative to the anchor, not a place on the table."
@@ -108,8 +112,9 @@ class _Plan:
 def patterned_arrangement(cast: Cast) -> GeneratedTask:
     """Return a task in which two of three items are put beside an anchor, each at a given side.
 
-    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. Otherwise,
-    the items start in front of the anchor. Distractors are used only around a place setting, if there is room.
+    If the anchor is round and the items are two long pieces and a compact object, they form a place setting. In all
+    other cases, the items start in front of the anchor. Distractors are used only around a place setting, if there is
+    room.
 
     Raises:
         InvalidInputError: If the anchor has fewer than three sides, there are not three items, an item cannot be
@@ -136,9 +141,9 @@ def patterned_arrangement(cast: Cast) -> GeneratedTask:
 
 
 def _crowds(distractors: Sequence[ObjectSpec]) -> Iterator[Mapping[ObjectSpec, Slot]]:
-    """Yield possible slots for the distractors around a place setting, most distractors first.
+    """Yield possible assignments of distractors to slots around a place setting, starting with the largest assignment.
 
-    The first distractor always uses a slot that otherwise belongs to the compact item.
+    The first distractor always uses a slot that is meant for the compact item.
     """
     slots = _SETTING.besides
     for count in range(min(len(slots), len(distractors) - 1), -1, -1):
@@ -251,8 +256,8 @@ def _draft(cast: Cast, plan: _Plan, table: Table) -> Draft:
 def _add_moved_anchor(draft: Draft, plan: _Plan) -> None:
     """Add a variation in which the anchor is at its other position.
 
-    The instruction does not begin with the object in the alphabetically first slot, because a policy that always begins
-    at this slot would otherwise succeed.
+    The instruction does not begin with the object in the alphabetically first slot, so that a policy that always begins
+    at this slot fails.
     """
     layout = plan.layouts[0]
     favorite = min(slot.name for o, slot in layout.items() if o is not plan.anchor)
@@ -268,7 +273,7 @@ def _add_recomposed(draft: Draft, plan: _Plan, steps: tuple[Step, Step], base: t
 
 
 def _add_look_alike(draft: Draft, spec: ObjectSpec, room: Sequence[Operation], slot: Slot, base: str) -> bool:
-    """Add a variation in which a look-alike takes the place of an object.
+    """Add a variation in which a look-alike replaces an object in its slot.
 
     The operations in ``room`` are applied first, to make room for it. Return whether a variation was added. It is not
     added if no look-alike fits.
@@ -307,7 +312,7 @@ def _finish(draft: Draft, plan: _Plan, balanced: Sequence[Condition]) -> Generat
 
 
 def _new_pairs(draft: Draft, plan: _Plan) -> Iterator[tuple[Step, Step]]:
-    """Yield the pairs of steps that differ in object and side. Pairs that occur only in tests are left out."""
+    """Yield the pairs of steps with different objects and different sides, except pairs that occur only in tests."""
     sides = [side for _, side in plan.steps]
     trained = {frozenset(pair) for pair in plan.pairs}
     given = [o.arguments.get("instruction") for v in draft.variations for o in v.interventions]
@@ -426,7 +431,7 @@ def _setting_balanced(
 def _is_blocked(steps: Sequence[Step], side: str, piece: ObjectSpec) -> bool:
     """Return whether the object of the first step would block the piece of the second step.
 
-    This happens if the object is put at the given side, where the anchor leaves little room for a piece at the table
-    edge.
+    The object blocks the piece if it is put at the given side, where the anchor leaves little room for a piece at the
+    table edge.
     """
     return steps[0][1] == side and steps[1][0] is piece

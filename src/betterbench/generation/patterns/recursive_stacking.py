@@ -54,10 +54,10 @@ class _Plates:
 def recursive_stacking(cast: Cast) -> GeneratedTask:
     """Return a task with three plates.
 
-    An instruction puts one of the other two plates on the widest plate, or one of these two on the other. If the
-    instruction of the scenario puts one plate on another, the training conditions do so too. If only one of the two
-    plates has a look-alike, it becomes the middle plate of the complete stack. Distractors are not used, because the
-    plates fill the table.
+    Each training instruction puts one of the two smaller plates on the widest plate, or one of the two smaller plates
+    on the other. If the instruction of the scenario puts one plate on another, the training conditions do so too. If
+    only one of the two plates has a look-alike, it becomes the middle plate of the complete stack. Distractors are not
+    used, because the plates fill the table.
 
     Raises:
         InvalidInputError: If there are not three plates, a plate cannot be grasped at its rim, or a plate does not fit

@@ -17,7 +17,10 @@ BYSTANDER_M = 0.10
 _LONGEST_M = 0.14
 """Maximum footprint of a look-alike in a fixture slot [m]."""
 _FALLBACK = "block"
-"""Category of the substitute for a missing look-alike. It has the most colors, and resembles items only by color."""
+"""Category of the substitute for a missing look-alike.
+
+This category has the most colors. It resembles items only by color.
+"""
 
 
 def group(cast: Cast, group_id: str, role: Role, at_least: int, at_most: int) -> tuple[ObjectSpec, ...]:
@@ -48,16 +51,19 @@ def second(cast: Cast, spec: ObjectSpec) -> ObjectSpec:
 
 
 def look_alikes_of(cast: Cast, spec: ObjectSpec) -> tuple[ObjectSpec, ...]:
-    """Return the look-alikes of an object, starting with the most similar one. They have the role of distractors."""
+    """Return the look-alikes of an object, starting with the most similar one.
+
+    The returned objects have the role of distractors.
+    """
     return in_role("distractor", cast.look_alikes.get(spec.name, ()))
 
 
 def standing_look_alikes(cast: Cast, items: tuple[ObjectSpec, ...]) -> Mapping[str, ObjectSpec]:
-    """For each item, return a distractor that looks like it, by the name of the item.
+    """Return a look-alike distractor for each item, by the name of the item.
 
-    This is the first look-alike in the cast (the scenario with its chosen assets) that is narrow enough for a slot. If
-    there is none, it is a toy block of the item's color, unless the cast already contains a block. An item is left out
-    if it has neither a look-alike nor a block.
+    The distractor is the first look-alike in the cast (the scenario with its chosen assets) that is narrow enough for a
+    slot. If there is none, a toy block of the item's color is used, unless the cast already contains a block. An item
+    is left out if it has neither a look-alike nor a block.
     """
     found: dict[str, ObjectSpec] = {}
     taken = {spec.name for specs in cast.groups.values() for spec in specs}

@@ -9,8 +9,8 @@ instruction therefore states exactly the goal of the task.
 
 - ``relations``: the vocabulary.
 - ``reading``: nouns with the objects they refer to, and relations between them.
-- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses. No pattern supports
-  them.
+- ``held``: relations that each pattern supports. ``demands``: negations, numbers, orders and poses, which no pattern
+  supports.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ _CAN = {
 
 @dataclass(frozen=True, slots=True)
 class StatedGoal:
-    """Goal that an instruction states, limited to the parts that tasks of the template support.
+    """Goal that an instruction states, limited to the parts that the template supports.
 
     Attributes:
         regions: Side, drawer ("upper") or hole ("hole_1") that each item goes to, by the item's ``instance_name``.
         onto: Pairs of an upper and a lower plate, by ``instance_name``.
-        problems: Words of unsupported parts, with the reason.
+        problems: Words of the unsupported parts, each with the reason.
     """
 
     regions: Mapping[str, str] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class StatedGoal:
 
     @property
     def is_specific(self) -> bool:
-        """Whether the instruction states a side, drawer, hole or plate that the template's relation leaves open."""
+        """Whether the instruction states a side, drawer, hole or plate that the template does not determine."""
         return bool(self.regions or self.onto)
 
 

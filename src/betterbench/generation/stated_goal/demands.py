@@ -1,4 +1,4 @@
-"""Detection of words in instructions that goals cannot express: negations, choices, orders, poses and numbers."""
+"""Detection of words that a goal cannot express, such as negations, choices, orders, poses and numbers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _returning(r: Reader, at: int) -> str:
 def _result(r: Reader, at: int) -> str:
     """Return the reason why the named result of an assembly is rejected, or an empty string.
 
-    It is rejected if the layers do not make this result, or if several results are requested.
+    A result is rejected if the layers do not make it, or if several results are requested.
     """
     if r.scenario.template != "logical_assembly" or r.tokens[at] not in RESULTS:
         return ""

@@ -24,7 +24,7 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _enter(r: Reader, said: Said, region: str, regions: dict[str, str]) -> Iterator[str]:
-    """Record the target region of an item. If this is impossible, yield the reason."""
+    """Record the target region of an item, or yield the reason why this is impossible."""
     name, reason = _item(r, said, regions)
     if reason or not name:
         yield reason or "it does not refer to an item"

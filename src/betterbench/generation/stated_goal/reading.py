@@ -126,7 +126,7 @@ class Reader:
     def _meant(self, at: int, noun: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the objects that a noun may refer to.
 
-        If any object has the noun in its name, objects that only have it in their description are left out.
+        If the noun occurs in the name of an object, objects with the noun only in their description are left out.
         """
         alias = {"top": "upper", "bottom": "lower"} if noun[-1] == "drawer" else {}
         words = [alias.get(word, word) for word in noun]
@@ -258,7 +258,7 @@ class Reader:
         return said.target is None and said.place in self.surfaces and said.meaning in ("on", "in", "at", "from")
 
     def receiver(self, said: Said) -> bool:
-        """Return whether the target of a relation is a container, fixture or drawer, or a pronoun for one."""
+        """Return whether the target of a relation is a container, fixture, drawer, or a pronoun for one of these."""
         if said.target is not None:
             return any(self.role_of[n] in ("container", "fixture", "drawer") for n in said.target.objects)
         return said.place == "it" and any(

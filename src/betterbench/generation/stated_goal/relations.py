@@ -31,7 +31,10 @@ _PHRASES = {
     "far from, parallel to, perpendicular to, in line with, aligned with, instead of",
 }
 RELATIONS = {tuple(phrase.split()): meaning for meaning, phrases in _PHRASES.items() for phrase in phrases.split(", ")}
-"""Meaning of each phrase that states a relation. The words are singular, as returned by :func:`sentence_tokens`."""
+"""Meaning of each phrase that states a relation.
+
+The words of the phrases are singular, as returned by :func:`sentence_tokens`.
+"""
 LONGEST_RELATION = max(map(len, RELATIONS))
 
 SIDES = ("left", "right", "behind", "upper_right")

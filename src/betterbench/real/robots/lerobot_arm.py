@@ -155,7 +155,8 @@ class LeRobotArm:
         goals = {motor: float(value) for motor, value in zip(SO101_MOTORS, positions, strict=True)}
         try:
             clear_port(bus)
-            # LeRobot's send_action does the same, but raises an error without a camera, so the arm could not be stopped
+            # LeRobot's send_action does the same, but raises an error if a camera fails, so the arm could not be
+            # stopped
             bus.sync_write("Goal_Position", goals)
         except Exception as problem:
             raise self._silent(problem) from problem

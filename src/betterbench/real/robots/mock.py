@@ -29,8 +29,9 @@ from betterbench.tasks import Task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 MOST_STEPS = 5
-"""Maximum number of control steps simulated per reading. Because of it, the arm is slower than real time on a slow
-machine.
+"""Maximum number of control steps simulated per reading.
+
+On a slow machine, this limit makes the arm slower than real time.
 """
 
 
@@ -41,7 +42,7 @@ class MockFaults:
 
     Attributes:
         latency_s: Age of every frame when it arrives [s].
-        drop_every: If this is n > 0, every n-th frame is dropped and replaced by the previous one; 0 drops no frames.
+        drop_every: If n > 0, every n-th frame is dropped and replaced by the previous frame. 0 drops no frames.
         unplugged: Name of the camera that is unplugged after ``after_s``; empty for no camera.
         stalled: Name of the motor that stalls after ``after_s``; empty for no motor.
         after_s: Time after the first command at which the faults unplugged, stalled and broken begin [s].
@@ -206,7 +207,8 @@ class MockRobot:
     def _load(self, state: np.ndarray) -> np.ndarray:
         """Return the load of each servo.
 
-        It is computed from how far the servo lags behind its target, since the torque is the lag times the gain.
+        The load is computed from the distance between the servo and its target, because the torque is this distance
+        times the gain.
         """
         if self._target is None:
             return np.zeros(6)

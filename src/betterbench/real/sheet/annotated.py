@@ -1,4 +1,4 @@
-"""Image of the front camera with the measured markers, and with their positions as seen by the simulated camera."""
+"""Drawing of the measured markers on the image of the front camera, next to their positions in the simulated camera."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LEGEND = (
 
 
 def annotated(image: np.ndarray, camera: MeasuredCamera, twin: CameraPose) -> Image.Image:
-    """Draw the detected markers, where the simulated camera would see them, and the axes of the arm's base frame.
+    """Draw the detected markers, their positions as seen by the simulated camera, and the axes of the arm's base frame.
 
     Args:
         image: Image (height, width, 3) uint8 RGB from which the camera was measured.

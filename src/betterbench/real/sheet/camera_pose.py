@@ -2,8 +2,8 @@
 
 OpenCV finds the markers and solves for the pose. The lens is not known in advance, so its focal length and first
 distortion coefficient are estimated together with the pose. All markers are in one plane, but the camera looks at the
-plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution show how
-well these two values are determined.
+plane obliquely, so focal length and distance can be distinguished. The standard deviations of the solution state the
+uncertainty of these two values.
 
 A camera pose is a position [m] in the arm's base frame (x ahead, y left, z up) and the camera's axes in OpenCV's
 convention: x to the right of the image, y downward, z along the view.
@@ -36,10 +36,12 @@ from betterbench.sim.robots.so101 import SO101
 from betterbench.sim.robots.spec import CameraMount
 
 LEAST_MARKERS = 5
-"""Minimum number of detected markers. Since the lens is estimated too, four markers in one corner are not enough."""
+"""Minimum number of detected markers. Four markers in one corner are not enough, because the lens is estimated too."""
 MOST_ERROR_PX = 1.1
-"""Maximum reprojection error in an image that is 640 pixels wide [pixels]. Renderings of a flat sheet have an error of
-0.3 to 0.9 (with strong noise). If pages are misplaced by 10 mm, the error is 1.2.
+"""Maximum reprojection error in an image that is 640 pixels wide [pixels].
+
+Renderings of a flat sheet have an error of 0.3 to 0.9 (with strong noise). If pages are misplaced by 10 mm, the error
+is 1.2.
 """
 MOST_LEFT_OUT = 2
 """Maximum number of markers that may be discarded as outliers (over three times the median error), for example because
@@ -48,37 +50,44 @@ the arm or its shadow covers an edge. A misplaced page has more outliers.
 WIDTH_PX = 640
 """Image width to which the limits in pixels refer."""
 MOST_BLUR_PX = 4.0
-"""Maximum width of the edge from black to white (10 to 90 %) in an image that is 640 pixels wide [pixels]. The width is
-2 in a rendering. At a width of 4, the position error is up to 9 mm instead of 4 mm.
+"""Maximum width of the edge from black to white (10 to 90 %) in an image that is 640 pixels wide [pixels].
+
+The width is 2 in a rendering. At a width of 4, the position error is up to 9 mm instead of 4 mm.
 """
 MOST_BLUR_ANYWHERE_PX = 3.2
-"""Width of the sharpest edges above which an image with too few markers is reported as blurred [pixels]. The width is
-1.7 in a rendering.
+"""Maximum width of the sharpest edges in an image with too few markers [pixels].
+
+If the edges are wider, the image is reported as blurred. The width is 1.7 in a rendering.
 """
 MOST_RULER = 0.01
 """Maximum relative error of the length of the printed ruler. An error of 1 % changes the camera position by 8 mm."""
 MOST_MARKER_SCALE = 0.025
-"""Maximum relative difference between the marker size and the size expected from the distances between markers. If
-pages are fitted to the paper, the markers are 3 to 6 % smaller. In renderings, the difference is up to 1 %.
+"""Maximum relative difference between the marker size and the size expected from the distances between markers.
+
+If pages are fitted to the paper, the markers are 3 to 6 % smaller. In renderings, the difference is up to 1 %.
 """
 MOST_OTHER_SCALE = 0.1
-"""Relative difference between the marker size and the expected size above which the pages must be misplaced, because no
-printer shrinks a page this much.
+"""Minimum relative difference between the marker size and the expected size for misplaced pages.
+
+No printer shrinks a page this much.
 """
 MOST_PAGE_OFF_MM = 20.0
-"""Maximum distance of a marker from the position expected for a rotated or swapped page at which the page is recognized
-as such [mm].
+"""Maximum distance of a marker from the position expected for a rotated or swapped page [mm].
+
+Up to this distance, the page is reported as rotated or swapped.
 """
 SMALL_PX = 400
 """Image width below which markers are reported as too small instead of blurred or covered [pixels]."""
 MOST_SPREAD_M = 0.01
-"""Maximum standard deviation of the measured camera position [m], equal to the allowed position error of the camera. It
-is up to 4 mm in renderings. If only the near row of pages is visible, the standard deviation is 12 to 20 mm, and the
-position error is 14 to 46 mm.
+"""Maximum standard deviation of the measured camera position [m], equal to the allowed position error of the camera.
+
+In renderings, the standard deviation is up to 4 mm. If only the near row of pages is visible, the standard deviation is
+12 to 20 mm, and the position error is 14 to 46 mm.
 """
 NEAR_FOV_DEG = 1.5
-"""Maximum difference between the fields of view of the real and the simulated camera [degrees]. This difference moves
-the edge of the image by 3 %.
+"""Maximum difference between the fields of view of the real and the simulated camera [degrees].
+
+At this difference, an object at the edge of the image moves by 3 %.
 """
 NEAR_M, NEAR_DEG = 0.01, 1.0
 """Maximum distance [m] and angle [degrees] from the simulated camera at which the camera is correctly placed."""
@@ -151,7 +160,7 @@ class CameraCorrection:
 
     @property
     def lens_sentence(self) -> str:
-        """Advice to use another lens; empty if the field of view is close enough to that of the simulated camera."""
+        """Advice to use another lens; empty if the field of view is close enough to the simulated camera's."""
         real, twin = self.fovy_deg
         if abs(real - twin) <= NEAR_FOV_DEG:
             return ""
@@ -303,8 +312,8 @@ def _trusted(
 def _require_ruler(ruler_mm: float) -> None:
     """Raise InvalidInputError if the measured length of the printed ruler is not plausible.
 
-    This is the case if it is not a positive number, seems to be in a different unit, or shows that the sheet was scaled
-    by the printer.
+    A length is not plausible if it is not a positive number, seems to be in a different unit, or shows that the printer
+    scaled the sheet.
     """
     if abs(ruler_mm / RULER_MM - 1.0) <= MOST_RULER:
         return
@@ -326,7 +335,7 @@ def _require_pages(found: dict[int, np.ndarray]) -> None:
     """Raise InvalidInputError if a page of the sheet is rotated or swapped with another page.
 
     The view of the table is determined by the majority of the markers. In this view, the markers of a misplaced page
-    appear at the position of another page, or rotated by 180 degrees. Without this check, one or two such markers would
+    appear at the position of another page or rotated by 180 degrees. Without this check, one or two such markers would
     be discarded as if they were covered, and the slots on their page would be at wrong positions.
     """
     table = np.concatenate([corners_mm(marker) for marker in found]).astype(np.float32)
@@ -355,9 +364,9 @@ def _through(view: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _misses(seen: dict[int, np.ndarray], tile: Area, place: Area, *, turned: bool) -> float:
-    """Return the misfit of the markers under the assumption that two pages of the sheet were swapped.
+    """Return the deviation of a page's markers from the markers expected at the position of a given page [mm].
 
-    The misfit is the largest distance of a marker corner from its expected position [mm].
+    The deviation is the largest distance of a marker corner from its expected position.
     """
     center, there = (np.array([0.5 * (a.x_low + a.x_high), 0.5 * (a.y_low + a.y_high)]) for a in (tile, place))
     way = -1.0 if turned else 1.0
@@ -463,7 +472,7 @@ def _profile(gray: np.ndarray, start: np.ndarray, end: np.ndarray, count: int = 
 def _sharpest_edge(gray: np.ndarray) -> float:
     """Return the width of the sharpest edges in an image [pixels].
 
-    It is the contrast of the image divided by its steepest slope.
+    The width is the contrast of the image divided by its steepest brightness gradient.
     """
     smooth = opencv().GaussianBlur(gray, (0, 0), 0.7).astype(float)
     low, high = np.percentile(smooth, (1.0, 99.0))

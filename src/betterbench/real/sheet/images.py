@@ -16,7 +16,7 @@ _MOST_BYTES = 64 << 20
 _MOST_PIXELS = 64_000_000
 """Maximum number of pixels in an image, which is more than most phone cameras have."""
 _WARM_UP = 15
-"""Number of frames that are captured until exposure and focus have settled. The last one is used."""
+"""Number of frames that are captured until exposure and focus have settled. The last frame is used."""
 
 
 def image_of(path: Path) -> np.ndarray:
@@ -30,7 +30,7 @@ def image_of(path: Path) -> np.ndarray:
     data = read_bounded(path, max_bytes=_MOST_BYTES, cure="Use an image of the front camera")
     try:
         with warnings.catch_warnings():
-            # disable Pillow's own limit, because the limit below is smaller
+            # Disable Pillow's own limit on the image size, because the limit checked below is smaller.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             opened = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
         with opened:

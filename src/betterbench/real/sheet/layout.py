@@ -15,12 +15,14 @@ from betterbench.tasks import get_task
 TASK, STAND = "fruit_basket", "stand"
 """Task for which the sheet is made, and the slot of the basket in this task."""
 DICTIONARY = "DICT_4X4_50"
-"""OpenCV dictionary of the markers, which have four by four cells. With fewer and larger cells, there would be too few
-distinct markers.
+"""OpenCV dictionary of the markers, which have four by four cells.
+
+With fewer, larger cells, there would be too few distinct markers.
 """
 MARKER_MM = 60.0
-"""Side length of a marker with its black border [mm]. Markers are at least 18 pixels high in a simulated image of
-640 x 480 pixels.
+"""Side length of a marker with its black border [mm].
+
+Markers are at least 18 pixels high in a simulated image of 640 x 480 pixels.
 """
 QUIET_MM = 10.0
 """Width of the white margin around a marker [mm], which is one cell of the marker."""
@@ -31,8 +33,9 @@ BASKET_MM = 208.0
 CELLS = (
     *(0xB532, 0x0F9A, 0x332D, 0x9946, 0x549E, 0x79CD, 0x9E2E, 0xC4F2, 0xFEDA, 0xCF56, 0xF991, 0x11A7, 0x0EB7),
 )  # fmt: skip
-"""Cells of each marker, by marker number. The cells are listed row by row from the top left, with the first cell in the
-highest bit. A bit of 1 is white.
+"""Cells of each marker, by marker number.
+
+The cells are listed row by row from the top left, with the first cell in the highest bit. A bit of 1 is white.
 """
 
 MARKERS_MM = (
@@ -75,7 +78,7 @@ class Spot:
         name: Name of the slot.
         x: x coordinate of the slot's center [mm].
         y: y coordinate of the slot's center [mm].
-        radius: Radius of the circle around this center in which the position of the object varies [mm].
+        radius: Radius of the circle around the slot's center in which the position of the object varies [mm].
     """
 
     name: str
@@ -116,7 +119,7 @@ def cells_of(marker: int) -> np.ndarray:
 def corners_mm(marker: int) -> np.ndarray:
     """Return the (4, 2) positions of a marker's corners [mm] in the order of OpenCV: clockwise from the top left.
 
-    The top of a marker is the side that is farthest away when seen from behind the arm.
+    The top of a marker is the side that is farthest from the arm.
     """
     x, y = MARKERS_MM[marker]
     half = 0.5 * MARKER_MM

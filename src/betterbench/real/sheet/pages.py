@@ -41,7 +41,7 @@ _PALE, _SOFT = 0.82, 0.45
 class _Frame:
     """Placement of an area of the table on a page.
 
-    It is given by the position of the area's far left corner on the page, and a scale.
+    The placement is given by the position of the area's far left corner on the page, and a scale.
     """
 
     area: Area
@@ -199,7 +199,7 @@ def _overview(width: float, height: float) -> Page:
     for number, tile in enumerate(TILES, start=1):
         x, y = frame.at(tile.x_high, tile.y_high)
         page.shapes.append(Rect(x, y, scale * tile.width, scale * tile.depth, line=0.3))
-        aside = 0.5 if number <= 3 else 0.76  # beside the markers
+        aside = 0.5 if number <= 3 else 0.76  # keep the number clear of the markers
         where = x + aside * scale * tile.width, y + scale * tile.depth - 3.0
         page.shapes.append(Text(*where, str(number), 8.0, gray=_SOFT))
     for row, says in enumerate(_SAYS):

@@ -97,7 +97,7 @@ class SceneReview:
 
     @property
     def subject(self) -> str:
-        """Name under which the scene is shown."""
+        """Name of the scene on the page."""
         return f"{self.task}/{self.condition}"
 
     def misfit(self, changes: int) -> str:

@@ -42,7 +42,7 @@ MODES: tuple[Mode, ...] = ("slot", "frame")
 STEP_M, STEP_DEGREES = 0.005, 5.0
 """Distance [m] and angle [degrees] by which one key press moves or turns the selected slot or frame."""
 SEEDS = 5
-"""Number of seeds with which a scene can be shown, one after the other."""
+"""Number of seeds that the page can show for a scene."""
 
 
 @dataclass(slots=True)
@@ -95,7 +95,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
         return self.content != scene_content(task, condition_of(task, self.at_hand.condition))
 
     def verdicts(self) -> list[Verdict | None]:
-        """Return the current verdict on each scene in the queue. It is None for scenes without a verdict."""
+        """Return the current verdict on each scene in the queue, or None for scenes without a verdict."""
         return [scene.verdict(self.journal.history(scene.task.content)) for scene in self.queue]
 
     # -------------------------------------------------------------------------------------------------- slots, frames
@@ -120,7 +120,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
 
     @property
     def frames(self) -> tuple[tuple[Placement, Region], ...]:
-        """Placement frames of all objects that hold other objects in the task. The edit in progress is applied."""
+        """Placement frames of all objects that hold other objects in the task, with the edit in progress applied."""
         if self.scene is None:
             return ()
         edit = self.edit
@@ -160,7 +160,7 @@ class SceneDesk(Desk[QueuedScene, SceneReview, SceneChange]):
     def _carried(self, slot: str) -> set[str]:
         """Return the names of the objects that move when a slot is moved.
 
-        These are the object in the slot, and all objects that stand on or in that object.
+        They are the object in the slot, and all objects that stand on or in that object.
         """
         condition = self.condition
         found = {name for name, place in condition.layout.items() if place == slot}

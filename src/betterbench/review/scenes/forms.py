@@ -1,4 +1,4 @@
-"""Functions that apply the changes made in a review to the JSON form of a task. They do not modify their arguments."""
+"""Functions that apply the changes of a review to the JSON form of a task, without modifying their arguments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.review.scenes.changes import FrameChange, SceneChange, SlotChan
 from betterbench.tasks import Condition, Task
 
 SAME_M, SAME_RAD = 1e-6, 1e-6
-"""Tolerances when a value is compared with the rounded value that the reviewer saw."""
+"""Tolerances for comparing a value with the rounded value that the reviewer saw."""
 _OTHER_CURE = "Restore the task file that was reviewed, or review the current task file"
 
 
@@ -49,7 +49,7 @@ def place_of(slot: Mapping[str, Any]) -> SlotPlace:
 def changed_form(form: Mapping[str, Any], change: SceneChange, *, where: str = "review") -> dict[str, Any]:
     """Apply one change to the JSON form of a task.
 
-    If the change moved a placement frame, the JSON form stays the same, since the frame is stored in an asset.
+    If the change moved a placement frame, the JSON form stays the same, because placement frames are stored in assets.
 
     Raises:
         InvalidInputError: If the task has no such slot, or the slot is not at the position that the reviewer moved it

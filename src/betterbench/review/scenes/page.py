@@ -95,7 +95,8 @@ class ScenePage(CommandPage[SceneDesk]):
         if self._is_of_page(command, value):
             return
         if command in ("next", "previous", "accept", "reject", "keep", "seed", "certify", "undo"):
-            self._status.content = WORKING  # building and certifying a scene take seconds
+            # Show that work is in progress, because building or certifying a scene takes seconds.
+            self._status.content = WORKING
         if command in self._do:
             self._do[command](value)
         self.show()
@@ -200,7 +201,7 @@ class ScenePage(CommandPage[SceneDesk]):
             self._gizmo.position, self._gizmo.wxyz = target.position, target.quaternion
 
     def _mark_slots(self) -> Pose | None:
-        """Mark each slot by a square that covers all positions the slot's jitter allows.
+        """Mark each slot by a square that covers all positions within the slot's jitter.
 
         Return the pose of the selected slot.
         """

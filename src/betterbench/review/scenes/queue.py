@@ -65,7 +65,7 @@ class QueuedScene:
 
     @property
     def name(self) -> str:
-        """Name under which the scene is shown."""
+        """Name of the scene on the page."""
         return f"{self.task.name}/{self.condition}"
 
     def verdict(self, history: SceneHistory) -> Verdict | None:

@@ -1,4 +1,4 @@
-"""Write reviewed tasks to new files. Slots are moved as in the review, and rejected variations are left out."""
+"""Output of reviewed tasks. New files contain the moved slots, and leave out rejected variations."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def write_reviewed_tasks(found: Mapping[str, ReviewedForm], out: Path) -> list[P
 def write_moved_frames(found: Mapping[str, ReviewedForm], folders: Sequence[Path], out: Path) -> list[Path]:
     """Copy each asset folder to a new folder of the same name.
 
-    Placement frames that were moved in a review get their new poses.
+    In the copies, placement frames that were moved in a review get their new poses.
 
     Returns:
         The paths of the new folders.

@@ -7,7 +7,7 @@ _RACK = one("spice_rack")
 
 
 def _jar(spice: str, color: str) -> tuple[Pool, Pool]:
-    """Return two pools: one with the glass jar of a spice, and one with the plain steel jar."""
+    """Return two pools for a spice: one with its glass jar, and one with its plain steel jar."""
     return Pool(("spice_jar",), colors=(color,)), Pool((f"plain_{spice}_jar",))
 
 
