@@ -22,7 +22,6 @@ from types import ModuleType
 from urllib.parse import unquote, urlsplit
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
-from betterbench.json_form import parse_json
 from betterbench.quoting import shell_line, shell_word
 
 _NAME = "betterbench"
@@ -251,6 +250,8 @@ def _wheel() -> Path | None:
 
     Return None if this location is unknown or no longer exists.
     """
+    from betterbench.json_form import parse_json  # noqa: PLC0415 - imports pydantic, which `--help` does not need
+
     try:
         text = importlib.metadata.distribution(_NAME).read_text("direct_url.json")
         form = parse_json((text or "").encode())

@@ -14,14 +14,11 @@ A sealed document contains a checksum of its content. :func:`open_seal` checks i
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import io
 import json
 import logging
 import os
 import re
-import stat
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,6 +28,7 @@ from typing import Any, TypeVar
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
 
 from betterbench.errors import BetterError, InvalidInputError, encodable, one_line
+from betterbench.ordinary_file import NotOrdinaryError, open_ordinary
 
 logger = logging.getLogger(__name__)
 
@@ -329,39 +327,6 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise InvalidInputError(str(path), "is not a JSON object", cure)
     return found
-
-
-class NotOrdinaryError(OSError):
-    """A path leads to a folder, pipe, socket or device instead of a regular file."""
-
-
-def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file for reading. The file may come from an untrusted source.
-
-    Pipes and devices are rejected without blocking.
-
-    Raises:
-        NotOrdinaryError: If the path leads to a folder, pipe, socket or device.
-        OSError: If the file is missing or cannot be read.
-    """
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        if error.errno == errno.ENXIO:  # the path leads to a socket
-            raise NotOrdinaryError(errno.EINVAL, "is not a regular file", str(path)) from error
-        raise
-    kind = os.fstat(handle).st_mode
-    if stat.S_ISREG(kind):
-        return os.fdopen(handle, "rb")
-    os.close(handle)
-    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is not a regular file"
-    raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
-
-
-def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file. Raises the same errors as :func:`open_ordinary`."""
-    with open_ordinary(path) as file:
-        return file.read()
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import json
 import os
 import subprocess
@@ -10,7 +11,7 @@ import sys
 
 import pytest
 
-from betterbench.cli.main import VERBS, every_command
+from betterbench.cli.main import VERBS, every_command, main
 
 HEAVY = {
     *(
@@ -83,6 +84,17 @@ def test_help_imports_nothing_heavy():
         assert "usage: better" in ast.literal_eval(line), arguments
         heavy = HEAVY | {"numpy", "betterbench.sim.assets", "betterbench.evaluation", "betterbench.tasks"}
         assert not modules & heavy, arguments
+    assert "pydantic" not in found[0]
+
+
+def test_garbage_is_collected_while_a_command_runs(capsys):
+    """The process of ``better`` begins without, until everything is imported."""
+    gc.disable()
+    try:
+        assert main(["list", "suites"]) == 0
+        assert gc.isenabled()
+    finally:
+        gc.enable()
 
 
 def test_lists_import_nothing_heavy():

@@ -37,25 +37,29 @@ def forgotten():
 
 
 @pytest.fixture
-def followed(tmp_path, monkeypatch, capfd, forgotten):
-    """The folder in which the commands of the page were run, and what they said."""
+def follow(tmp_path, monkeypatch, capfd, forgotten):
+    """Runs commands of the page in a folder, and returns the folder and what they said."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(user_files, "_files", {})
     monkeypatch.setattr(user_files, "_origins", dict(user_files._origins))
     monkeypatch.setenv(user_files.VARIABLE, "")
     (tmp_path / "point.py").write_text(WORLD, encoding="utf-8")
     (tmp_path / "goes.py").write_text(POLICY, encoding="utf-8")
-    said = []
-    for line in COMMANDS.splitlines():
-        name, *words = shlex.split(line)
-        assert name == "better"
-        assert main(words) == 0, capfd.readouterr().err
-        said.append(capfd.readouterr())
-    return tmp_path, said
+
+    def run(lines):
+        said = []
+        for line in lines:
+            name, *words = shlex.split(line)
+            assert name == "better"
+            assert main(words) == 0, capfd.readouterr().err
+            said.append(capfd.readouterr())
+        return tmp_path, said
+
+    return run
 
 
-def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_alone(followed, monkeypatch):
-    folder, (suites, goes, noop, report) = followed
+def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_alone(follow, monkeypatch):
+    folder, (suites, goes, noop, report) = follow(COMMANDS.splitlines())
     assert "a mark on the left" in " ".join(suites.out.split())
     assert "10 trials of point." in goes.err
     assert "100.0 % success (10/10" in goes.out
@@ -89,7 +93,9 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
         RunFolder.open(folder / "runs" / "goes")
 
 
-def test_commands_for_own_scenes_say_that_they_serve_no_other_world(followed, capfd):
+def test_commands_for_own_scenes_say_that_they_serve_no_other_world(follow, capfd):
+    (makes_a_record,) = (line for line in COMMANDS.splitlines() if line.endswith("--out runs/noop"))
+    follow([f"{makes_a_record} --trials 1 --workers 1"])
     record, ours = "runs/noop/records/point-left/base/0.parquet", "betterbench's own scenes"
     task = f"task 'point-left': it is a task of Point, .*{ours} only.*fast_food"
     for words, message in (

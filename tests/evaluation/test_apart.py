@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -229,11 +230,9 @@ ENDS = {
 }
 
 
-class Seen:
-    """What stands for an observation here; the policies of this page read its step alone."""
-
-    def __init__(self, step, what=None):
-        self.step, self.what = step, what
+def seen(step, what=None):
+    """Return what stands for an observation; to read a class of this module, each process would import pytest."""
+    return SimpleNamespace(step=step, what=what)
 
 
 @pytest.fixture(scope="module")
@@ -258,14 +257,14 @@ def nothing_that_a_policy_sends_is_run(one):
 
 def test_an_answer_that_is_sent_twice_shifts_no_other_and_an_episode_begins_with_a_clean_process(one):
     one.reset(START)
-    one.act(Seen(3, "Twice"))
+    one.act(seen(3, "Twice"))
     process = one._running._process.pid
-    assert [one.act(Seen(step)).shape for step in (4, 5)] == [(7,), (7,)]
+    assert [one.act(seen(step)).shape for step in (4, 5)] == [(7,), (7,)]
     time.sleep(0.05)  # until the second copy of the last one is there
     one.reset(START)
     assert one._running._process.pid != process
     with pytest.raises(PolicyError, match="out of memory"):
-        one.act(Seen(3, "Calm"))
+        one.act(seen(3, "Calm"))
     failed = one._running._process.pid
     one.reset(START)
     assert one._running._process.pid != failed, "what it did before it failed harms no other trial"
@@ -283,7 +282,7 @@ def test_a_process_says_since_when_it_can_be_asked(plugin, monkeypatch):
     monkeypatch.setattr(policy_process._Started, "loaded", loaded)
     policy.reset(START)
     with pytest.raises(PolicyError, match="enough"):
-        policy.act(Seen(STEPS))
+        policy.act(seen(STEPS))
     assert first <= began
     assert policy.ready_at == first
     policy.reset(START)  # in another process
@@ -294,7 +293,7 @@ def test_a_process_says_since_when_it_can_be_asked(plugin, monkeypatch):
 
 def test_what_a_policy_does_to_its_outputs_is_not_done_to_ours(one, capsys):
     one.reset(START)
-    one.act(Seen(3, "Nonblocking"))
+    one.act(seen(3, "Nonblocking"))
     assert os.get_blocking(1)
     assert os.get_blocking(2)
     until = time.monotonic() + 5.0
@@ -308,7 +307,7 @@ def test_what_a_policy_does_to_its_outputs_is_not_done_to_ours(one, capsys):
 def test_what_a_policy_has_started_ends_with_its_process(plugin):
     policy = start_policy(f"{plugin}:Leaves")
     policy.reset(START)
-    policy.act(Seen(3))
+    policy.act(seen(3))
     mark = f"{policy_process.MARK}={policy._running._mark}".encode()
 
     def running():
@@ -338,10 +337,10 @@ def test_a_policy_that_never_loads_is_one_line(plugin):
 def test_whatever_a_policy_does_is_an_error_of_one_question(one, name, text):
     one.reset(START)
     with pytest.raises(PolicyError, match=text) as raised:
-        one.act(Seen(3, name))
+        one.act(seen(3, name))
     assert not isinstance(raised.value, PolicyKilledError)
     one.reset(START)
-    assert one.act(Seen(3)).tolist() == [0.0] * 6 + [-1.0]
+    assert one.act(seen(3)).tolist() == [0.0] * 6 + [-1.0]
 
 
 def test_a_process_that_is_killed_while_it_loads_again_is_no_fault_of_the_policy(tmp_path):
@@ -369,7 +368,7 @@ class Frail:
     with pytest.raises(PolicyKilledError, match=r"ended while loading \(SIGKILL"):
         policy.reset(START)
     policy.reset(START)
-    assert policy.act(Seen(0)).tolist() == [0.0] * 7
+    assert policy.act(seen(0)).tolist() == [0.0] * 7
     policy.close()
 
 
@@ -377,7 +376,7 @@ def test_what_a_policy_changes_in_its_process_is_not_changed_here(plugin, capfd)
     before = (Path.cwd(), dict(os.environ), list(sys.path), np.geterr(), signal.getsignal(signal.SIGTERM))
     policy = start_policy(f"{plugin}:Elsewhere")
     policy.reset(START)
-    assert policy.act(Seen(3)).shape == (7,)
+    assert policy.act(seen(3)).shape == (7,)
     began = time.monotonic()
     policy.close()
     assert time.monotonic() - began < 3.0, "its threads do not keep it"
@@ -409,7 +408,7 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
     policy.close()
     policy = PolicyProcess(f"{plugin}:Large")
     with pytest.raises(PolicyError, match="80000000 bytes is too large"):
-        policy.act(Seen(0))
+        policy.act(seen(0))
     policy.close()
 
 
@@ -436,7 +435,7 @@ def test_closing_ends_a_question_that_hangs(plugin):
 
     def ask():
         with pytest.raises(PolicyError) as raised:
-            policy.act(Seen(3))
+            policy.act(seen(3))
         told.append(raised.value)
 
     thread = threading.Thread(target=ask)

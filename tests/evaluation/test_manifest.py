@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import re
 import subprocess
@@ -64,6 +65,12 @@ def test_no_developer_tool_is_locked():
     names = {line.partition("==")[0] for line in machine.package_lock()}
     assert {"betterbench", "numpy", "mujoco", "pyarrow"} <= names
     assert not {"pytest", "ruff", "mypy", "hypothesis"} & names
+
+
+def test_the_locked_versions_are_those_of_the_standard_library():
+    for line in machine.package_lock():
+        name, _, version = line.partition("==")
+        assert version == importlib.metadata.version(name)
 
 
 @pytest.mark.parametrize("packed", [False, True])

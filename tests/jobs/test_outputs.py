@@ -14,7 +14,7 @@ from betterbench.jobs import LineJournal, RunLock, write_durably
 from betterbench.jobs.durable import DurableFile, remove_parts
 from betterbench.jobs.lock import LOCK_NAME, FileLock
 from betterbench.jobs.outputs import LIST_NAME, OutputFile, OutputFolder, bears_mark, mark_of
-from betterbench.json_form import NotOrdinaryError, open_ordinary, read_ordinary
+from betterbench.ordinary_file import NotOrdinaryError, open_ordinary, read_ordinary
 
 
 def test_a_folder_lists_what_was_written_and_nothing_else_is_replaced(tmp_path):

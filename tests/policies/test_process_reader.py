@@ -39,7 +39,27 @@ def test_what_is_no_answer_is_refused(content):
         read_answer(content)
 
 
-def test_the_process_of_a_policy_imports_what_it_needs_and_no_more():
-    code = "import sys, betterbench.policies.process.asked_process; print('\\n'.join(sys.modules))"
-    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+LOADS = """
+import sys
+from betterbench.policies.process.asked_process import find_kind, make_policy, read_address
+make_policy(sys.argv[1])
+assert find_kind(sys.argv[1]).source_of(read_address(sys.argv[1])).startswith("still.py, sha256 ")
+print(*sys.modules, sep="\\n")
+"""
+
+STILL = """
+from betterbench.interface import PolicyInfo
+class Still:
+    info = PolicyInfo("still")
+    def reset(self, start):
+        pass
+    def act(self, seen):
+        return [0.0] * 7
+"""
+
+
+def test_the_process_of_a_policy_imports_what_it_needs_and_no_more(tmp_path):
+    (tmp_path / "still.py").write_text(STILL, encoding="utf-8")
+    command = [sys.executable, "-c", LOADS, f"python:{tmp_path / 'still.py'}:Still"]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
     assert not {"mujoco", "scipy", "pydantic", "importlib.metadata", "gymnasium"} & set(run.stdout.split())

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jinja2 import Environment
 from tests.daily import others_slow
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -32,6 +33,7 @@ from betterbench.report.figures.charts import gap_chart
 from betterbench.report.figures.film import failures_in_question
 from betterbench.report.figures.media import Media, Thumbnails
 from betterbench.report.headline import headline_of, verdict_line
+from betterbench.report.html import environment
 from betterbench.report.pages.page import _along
 from betterbench.report.tables.matrices import matrices_of
 from betterbench.report.wording import Figure
@@ -518,3 +520,9 @@ def test_the_page_shows_the_instruction_effect_with_its_pairs_and_one_sentence(t
         assert (metric.k, metric.n) == (pairs - same, pairs)
         assert f"{metric.k}/{metric.n}" in text
         assert f"{100 * metric.low:.0f} to {100 * metric.high:.0f}" in text
+
+
+def test_a_process_compiles_a_template_once(monkeypatch):
+    environment().get_template("build.html.jinja")
+    monkeypatch.setattr(Environment, "compile", lambda *_, **__: pytest.fail("compiled again"))
+    assert environment().get_template("build.html.jinja").name == "build.html.jinja"

@@ -19,7 +19,8 @@ from betterbench.errors import RecordError, RunConflictError, one_line
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import LineJournal
 from betterbench.jobs.line_journal import LINK, link_after, linked_forms
-from betterbench.json_form import open_ordinary, read_form, strict_form
+from betterbench.json_form import read_form, strict_form
+from betterbench.ordinary_file import open_ordinary
 from betterbench.tasks import TrialId
 
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"

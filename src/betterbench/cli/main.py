@@ -17,7 +17,7 @@ from typing import Any, Literal, get_type_hints
 
 import tyro
 
-from betterbench.cli import EXIT_INTERRUPTED, was_interrupted
+from betterbench.cli import EXIT_INTERRUPTED, begin_collecting, was_interrupted
 from betterbench.cli.border import guarded, in_other_world
 from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
@@ -325,6 +325,7 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
     """Wrap a subcommand so that it also takes ``--log-level`` and ``--traceback``."""
 
     def verb(*args: object, log_level: LogLevel = "warning", traceback: bool = False, **options: object) -> None:
+        begin_collecting()
         telling.begin(log_level, with_traceback=traceback)
         function(*args, **options)
 

@@ -19,7 +19,8 @@ from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.jobs import OnCount
 from betterbench.jobs.conflict import first_difference
-from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
+from betterbench.json_form import dump_json, form_errors, read_bounded, read_form, strict_form
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import json_text
 from betterbench.records import RunFolder
 from betterbench.tasks import TrialId

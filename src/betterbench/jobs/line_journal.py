@@ -19,7 +19,8 @@ from betterbench.errors import RecordError
 from betterbench.jobs.durable import sync_folder, write_durably
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
 from betterbench.jobs.places import naming, open_in_place
-from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
+from betterbench.json_form import dump_json, form_errors, parse_json, read_bounded, say_unsealed
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import json_line
 
 MAX_BYTES = 1 << 30

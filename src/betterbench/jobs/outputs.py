@@ -29,7 +29,8 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.jobs.durable import is_part, remove_parts, remove_parts_of, write_durably
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
 from betterbench.jobs.places import guard, unguard
-from betterbench.json_form import file_digest, open_ordinary, read_bounded, read_form, strict_form
+from betterbench.json_form import file_digest, read_bounded, read_form, strict_form
+from betterbench.ordinary_file import open_ordinary
 
 LIST_NAME = ".written.json"
 """Name of the file in an output folder that lists the written files."""

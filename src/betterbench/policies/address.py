@@ -74,7 +74,9 @@ class Option:
 
     def fits(self, name: str) -> bool:
         """Return whether a name in an address, such as "camera.image", refers to this option."""
-        return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
+        if name == self.name:
+            return not self.takes_key
+        return name.startswith(self.name) and self.takes_key
 
 
 EXECUTION = (

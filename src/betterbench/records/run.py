@@ -30,10 +30,10 @@ from betterbench.json_form import (
     open_seal,
     read_bounded,
     read_form,
-    read_ordinary,
     sealed_form,
     strict_form,
 )
+from betterbench.ordinary_file import read_ordinary
 from betterbench.records.journal import Journal, JournalEntry, read_journal
 from betterbench.records.metadata import Outcome, RecordMetadata
 from betterbench.records.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record

@@ -19,7 +19,8 @@ from typing import Protocol
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.jobs.durable import write_durably
-from betterbench.json_form import content_digest, open_ordinary, read_bounded, say_unsealed
+from betterbench.json_form import content_digest, read_bounded, say_unsealed
+from betterbench.ordinary_file import open_ordinary
 
 MAX_SCENE_BYTES = 256 * 1024 * 1024
 """Maximum size of a stored scene after decompression [byte]."""

@@ -5,13 +5,34 @@ from __future__ import annotations
 from base64 import b64encode
 from importlib import resources
 from pathlib import Path
+from types import CodeType
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from markupsafe import Markup
 
 from betterbench.errors import printable
 from betterbench.jobs import write_durably
 from betterbench.quoting import LONGEST_TEXT
+
+
+class _Compiled(BytecodeCache):
+    """Code of the templates that this process has used. Compiling the template of a report takes 0.2 s."""
+
+    def __init__(self) -> None:
+        self._codes = dict[tuple[str, str], CodeType]()
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        """Set the code of a template, or None if it has not been compiled."""
+        bucket.code = self._codes.get((bucket.key, bucket.checksum))
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keep the code of a template."""
+        if bucket.code is not None:
+            self._codes[bucket.key, bucket.checksum] = bucket.code
+
+
+_COMPILED = _Compiled()
 
 
 def environment() -> Environment:
@@ -22,6 +43,7 @@ def environment() -> Environment:
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,
+        bytecode_cache=_COMPILED,
         finalize=_bounded,
         undefined=StrictUndefined,
         trim_blocks=True,

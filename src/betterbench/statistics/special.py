@@ -25,4 +25,6 @@ def __getattr__(name: str) -> object:
     """Return SciPy's function with the given name."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module("scipy.special"), name)
+    found: object = getattr(importlib.import_module("scipy.special"), name)
+    globals()[name] = found  # so that this function is called once for each
+    return found

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import open_ordinary, parse_json, read_bounded
+from betterbench.json_form import parse_json, read_bounded
+from betterbench.ordinary_file import open_ordinary
 from betterbench.records.parquet_rows import ParquetRows
 
 MOST_BYTES = 2 << 30

@@ -27,7 +27,8 @@ from betterbench.errors import (
 from betterbench.jobs import OnCount, counts, in_threads, run_items, write_durably
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.jobs.outputs import OutputFile, require_replaceable
-from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
+from betterbench.json_form import SEAL, dump_json, open_form, read_bounded, read_form, seal_of
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import json_line
 from betterbench.statistics import Rate
 from betterbench.vqa.coordinates import Coordinates

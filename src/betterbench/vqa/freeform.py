@@ -25,7 +25,6 @@ from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import (
     dump_json,
     open_form,
-    open_ordinary,
     open_seal,
     parse_json,
     read_bounded,
@@ -33,6 +32,7 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import default_name, json_line
 from betterbench.records import RunFolder
 from betterbench.vqa.dataset import PhotoSource, QuestionSet

@@ -23,7 +23,8 @@ from betterbench.demonstrations.export.robomimic_check import RobomimicCheck
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.jobs import OnCount
-from betterbench.json_form import SEAL, file_digest, parse_json, read_ordinary
+from betterbench.json_form import SEAL, file_digest, parse_json
+from betterbench.ordinary_file import read_ordinary
 from betterbench.records import Record, RunFolder
 from betterbench.tasks import TrialId
 

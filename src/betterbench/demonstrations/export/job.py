@@ -33,7 +33,8 @@ from betterbench.jobs import OnCount, RunLock, counts, in_threads, run_items, wr
 from betterbench.jobs.durable import on_disk, remove_parts
 from betterbench.jobs.lock import LOCK_NAME
 from betterbench.jobs.outputs import require_replaceable
-from betterbench.json_form import dump_json, file_digest, open_seal, read_ordinary, sealed_form
+from betterbench.json_form import dump_json, file_digest, open_seal, sealed_form
+from betterbench.ordinary_file import read_ordinary
 from betterbench.policies.conventions.presets import LEROBOT_SO101, NATIVE
 from betterbench.quoting import shell_word
 from betterbench.records import Record, RunFolder

@@ -22,7 +22,8 @@ from betterbench.demonstrations.export.language import EVENTS, PERSISTENT
 from betterbench.demonstrations.export.part import Part, read_png
 from betterbench.demonstrations.export.video import read_pictures
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import parse_json, read_ordinary
+from betterbench.json_form import parse_json
+from betterbench.ordinary_file import read_ordinary
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
 """Pattern of the range of training episodes in LeRobot's notation."""

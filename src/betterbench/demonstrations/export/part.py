@@ -25,17 +25,8 @@ from betterbench.demonstrations.export.numbers import color_counts, sampled_rows
 from betterbench.demonstrations.export.video import VideoWriter
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.jobs import write_durably
-from betterbench.json_form import (
-    dump_json,
-    open_form,
-    open_ordinary,
-    open_seal,
-    read_bounded,
-    read_form,
-    read_ordinary,
-    sealed_form,
-    strict_form,
-)
+from betterbench.json_form import dump_json, open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.ordinary_file import open_ordinary, read_ordinary
 from betterbench.records import Record
 
 ImageForm = Literal["video", "png"]

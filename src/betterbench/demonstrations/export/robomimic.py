@@ -22,7 +22,8 @@ from betterbench.demonstrations.export.numbers import Stats
 from betterbench.demonstrations.export.part import Part, read_png
 from betterbench.errors import BetterError, RunConflictError, one_line
 from betterbench.installation import missing_extra
-from betterbench.json_form import open_ordinary, parse_json, say_unsealed
+from betterbench.json_form import parse_json, say_unsealed
+from betterbench.ordinary_file import open_ordinary
 
 GYM_TYPE = 2
 """Number that robomimic assigns to Gym environments (``robomimic/envs/env_base.py``)."""

@@ -12,7 +12,7 @@ import av
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import open_ordinary
+from betterbench.ordinary_file import open_ordinary
 
 CODEC, PIXEL_FORMAT = "h264", "yuv420p"
 

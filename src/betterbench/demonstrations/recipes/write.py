@@ -14,7 +14,8 @@ from betterbench.demonstrations.recipes.trainer import TrainerSetup, Training, d
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.jobs import write_durably
 from betterbench.jobs.outputs import OutputFolder
-from betterbench.json_form import read_object, read_ordinary
+from betterbench.json_form import read_object
+from betterbench.ordinary_file import read_ordinary
 from betterbench.quoting import json_text, markdown_code, markdown_table, markdown_text
 
 _MOST_BYTES = 16 << 20

@@ -23,7 +23,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError, one_line
-from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_object
+from betterbench.json_form import parse_json, read_bounded, read_object
+from betterbench.ordinary_file import open_ordinary
 
 CURE = "Use the folder of a LeRobot dataset, which contains meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"

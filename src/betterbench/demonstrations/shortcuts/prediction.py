@@ -31,7 +31,8 @@ from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers th
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
 from betterbench.jobs.durable import write_durably
-from betterbench.json_form import dump_json, open_ordinary, read_bounded, read_form, read_ordinary, strict_form
+from betterbench.json_form import dump_json, read_bounded, read_form, strict_form
+from betterbench.ordinary_file import open_ordinary, read_ordinary
 from betterbench.quoting import json_text
 from betterbench.tasks import SUITE_VERSION, get_task, task_names
 from betterbench.tasks.labels import Label

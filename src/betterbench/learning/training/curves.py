@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 from betterbench.errors import RecordError
 from betterbench.jobs.durable import on_disk, write_durably
-from betterbench.json_form import read_ordinary
 from betterbench.learning.training.questions import AnswerRate
 from betterbench.learning.training.validation import PhaseError, Rollout
+from betterbench.ordinary_file import read_ordinary
 from betterbench.quoting import markup_text
 
 

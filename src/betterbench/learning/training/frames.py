@@ -22,17 +22,9 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface import observation_spec
 from betterbench.jobs import OnCount, counts, in_threads, job_folder, run_items, write_durably
 from betterbench.jobs.durable import on_disk
-from betterbench.json_form import (
-    SEAL,
-    dump_json,
-    open_ordinary,
-    parse_json,
-    read_form,
-    seal_of,
-    sealed_form,
-    strict_form,
-)
+from betterbench.json_form import SEAL, dump_json, parse_json, read_form, seal_of, sealed_form, strict_form
 from betterbench.learning.training.processes import TrainingProcesses
+from betterbench.ordinary_file import open_ordinary
 from betterbench.policies.learned.eyes import looked_at
 from betterbench.policies.learned.recipe import Eyes
 from betterbench.records import Record, RunFolder

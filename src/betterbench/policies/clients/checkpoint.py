@@ -19,7 +19,8 @@ import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
 from betterbench.installation import missing_extra
-from betterbench.json_form import open_ordinary, parse_json, read_ordinary
+from betterbench.json_form import parse_json
+from betterbench.ordinary_file import open_ordinary, read_ordinary
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.checkpoint_code import PROCESSORS, require_no_code
 from betterbench.policies.clients.checkpoint_size import bounded_parameters, require_short_horizons

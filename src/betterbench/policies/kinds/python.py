@@ -19,6 +19,7 @@ from urllib.parse import unquote
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy
 from betterbench.interface.policy import require_policy
+from betterbench.ordinary_file import read_ordinary
 from betterbench.policies.address import AddressForm, PolicyAddress
 from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 
@@ -55,9 +56,6 @@ def source_of(address: str) -> str:
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
-    # imported here and below, because the process of a policy should not import pydantic
-    from betterbench.json_form import read_ordinary
-
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
 
 
@@ -85,7 +83,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _value(text: str) -> Any:  # noqa: ANN401 - any JSON value
-    from betterbench.json_form import parse_json  # imported here for the reason given in source_of
+    from betterbench.json_form import parse_json  # imported here, because a policy's process should not import pydantic
 
     try:
         return parse_json(text)

@@ -10,7 +10,8 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.installation import missing_extra
 from betterbench.interface import PolicyInfo, episode_number
 from betterbench.interface.state import PrivilegedPolicy
-from betterbench.json_form import open_ordinary, parse_json
+from betterbench.json_form import parse_json
+from betterbench.ordinary_file import open_ordinary
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.learned.families import learner_family
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import open_ordinary
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import script_json
 from betterbench.report.html import asset, environment, write
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import open_ordinary
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import script_json
 from betterbench.report.figures.charts import charts_of, twin_figure
 from betterbench.report.figures.drawing import Chart, draw, file_style

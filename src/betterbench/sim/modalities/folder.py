@@ -14,16 +14,8 @@ from betterbench.errors import RecordError, RunConflictError
 from betterbench.jobs import write_durably
 from betterbench.jobs.conflict import first_difference, require_free, require_same
 from betterbench.jobs.durable import PART_SUFFIX
-from betterbench.json_form import (
-    NO_TRUTH,
-    dump_json,
-    open_seal,
-    read_bounded,
-    read_form,
-    read_ordinary,
-    sealed_form,
-    strict_form,
-)
+from betterbench.json_form import NO_TRUTH, dump_json, open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.ordinary_file import read_ordinary
 from betterbench.records import RunFolder
 from betterbench.records.modalities.labels import semantic_ids
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec, require_views

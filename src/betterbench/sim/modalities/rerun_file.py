@@ -16,7 +16,7 @@ from PIL import Image
 from betterbench.installation import missing_extra
 from betterbench.jobs import OnCount
 from betterbench.jobs.durable import DurableFile
-from betterbench.json_form import open_ordinary
+from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import markdown_text
 from betterbench.records import Record, RunFolder
 from betterbench.records.modalities.header import instance_of_object, stage_ids

@@ -28,7 +28,8 @@ import numpy as np
 import platformdirs
 
 from betterbench.installation import missing_packages
-from betterbench.json_form import content_digest, open_ordinary
+from betterbench.json_form import content_digest
+from betterbench.ordinary_file import open_ordinary
 from betterbench.sim.robots.decimation import creased, decimated, welded
 from betterbench.sim.robots.spec import Progress
 

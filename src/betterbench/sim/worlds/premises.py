@@ -15,15 +15,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from betterbench.json_form import (
-    open_ordinary,
-    open_sealed_lines,
-    parse_json,
-    read_bounded,
-    read_form,
-    sealed_lines,
-    strict_form,
-)
+from betterbench.json_form import open_sealed_lines, parse_json, read_bounded, read_form, sealed_lines, strict_form
+from betterbench.ordinary_file import open_ordinary
 from betterbench.sim.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
 from betterbench.tasks.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.tasks.worlds.libero_plus import MOVING_AXES, read_variant

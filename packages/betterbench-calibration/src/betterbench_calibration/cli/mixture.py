@@ -176,7 +176,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, ov
 
 def _holds_draws(path: Path) -> bool:
     """Return whether the beginning of a file looks like draws of a mixture."""
-    from betterbench.json_form import open_ordinary
+    from betterbench.ordinary_file import open_ordinary
 
     with open_ordinary(path) as file:
         begun = file.read(len(_BEGINNING))

@@ -20,16 +20,8 @@ import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import (
-    open_form,
-    open_ordinary,
-    open_seal,
-    parse_json,
-    read_bounded,
-    read_form,
-    read_object,
-    strict_form,
-)
+from betterbench.json_form import open_form, open_seal, parse_json, read_bounded, read_form, read_object, strict_form
+from betterbench.ordinary_file import open_ordinary
 from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30

@@ -20,7 +20,8 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, described, one_line
 from betterbench.jobs.durable import write_durably
 from betterbench.jobs.limited_process import LimitedProcess, LimitedProcessError, RefusedError, answer_requests
-from betterbench.json_form import dump_json, file_digest, open_ordinary, read_bounded, read_form
+from betterbench.json_form import dump_json, file_digest, read_bounded, read_form
+from betterbench.ordinary_file import open_ordinary
 from betterbench.sim.assets.importing.importer import Imported, Wishes, import_mesh
 from betterbench.sim.assets.importing.mesh_file import MAX_FILE_BYTES, FolderResolver
 from betterbench.sim.assets.importing.stored import from_bytes, to_bytes

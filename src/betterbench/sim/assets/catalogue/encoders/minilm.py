@@ -19,7 +19,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
-from betterbench.json_form import read_ordinary
+from betterbench.ordinary_file import read_ordinary
 from betterbench.sim.assets.catalogue.encoders.encoder import EncoderKind, register
 from betterbench.sim.assets.catalogue.encoders.wordpiece import WordPieces
 

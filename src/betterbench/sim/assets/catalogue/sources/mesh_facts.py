@@ -17,7 +17,8 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector
-from betterbench.json_form import open_ordinary, read_bounded
+from betterbench.json_form import read_bounded
+from betterbench.ordinary_file import open_ordinary
 from betterbench.sim.assets.gltf import description_of
 from betterbench.sim.assets.xml_file import MAX_XML_BYTES, parse_xml
 

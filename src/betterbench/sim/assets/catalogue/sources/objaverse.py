@@ -17,7 +17,8 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError, described
 from betterbench.installation import missing_packages
-from betterbench.json_form import file_digest, open_ordinary, parse_json
+from betterbench.json_form import file_digest, parse_json
+from betterbench.ordinary_file import open_ordinary
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.sources.source import SourceItem, SourceKind, SourceOptions, register
 from betterbench.sim.assets.licenses import license_name
