@@ -12,7 +12,7 @@ import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -142,9 +142,11 @@ def golden(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -
     return compare
 
 
-@pytest.fixture(autouse=True)
-def _scenes_are_freed(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Frees the scenes of a long test: an expert and its scene refer to each other, and each holds some 25 MB."""
-    yield
-    if request.node.get_closest_marker("slow") is not None:
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Free the scenes of a long test: an expert and its scene refer to each other, and each holds some 25 MB.
+
+    This is no fixture, because each of the thousands of tests would set it up.
+    """
+    if item.get_closest_marker("slow") is not None:
         gc.collect()

@@ -211,34 +211,37 @@ _FORMULA_STARTS = tuple("=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SI
 
 def latex_text(text: str) -> str:
     """Escape a string for LaTeX. Control characters become spaces."""
-    return "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
+    escaped = printable(text, most=LONGEST_TEXT).translate(_LATEX)
+    return escaped if escaped.isprintable() else "".join(c if c.isprintable() else " " for c in escaped)
 
 
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\char34{}",  # \textquotedbl is not defined in the default font encoding
-    "\N{REPLACEMENT CHARACTER}": "?",
-    "→": r"$\rightarrow$",
-    "−": r"$-$",
-    "Δ": r"$\Delta$",
-    "π": r"$\pi$",
-    "×": r"$\times$",
-    "≥": r"$\geq$",
-    "≤": r"$\leq$",
-    "–": "--",
-    "…": r"\dots{}",
-    "\N{NARROW NO-BREAK SPACE}": r"\,",
-    "\N{NO-BREAK SPACE}": "~",
-}
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "$": r"\$",
+        "&": r"\&",
+        "#": r"\#",
+        "%": r"\%",
+        "_": r"\_",
+        "^": r"\textasciicircum{}",
+        "~": r"\textasciitilde{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': r"\char34{}",  # \textquotedbl is not defined in the default font encoding
+        "\N{REPLACEMENT CHARACTER}": "?",
+        "→": r"$\rightarrow$",
+        "−": r"$-$",
+        "Δ": r"$\Delta$",
+        "π": r"$\pi$",
+        "×": r"$\times$",
+        "≥": r"$\geq$",
+        "≤": r"$\leq$",
+        "–": "--",
+        "…": r"\dots{}",
+        "\N{NARROW NO-BREAK SPACE}": r"\,",
+        "\N{NO-BREAK SPACE}": "~",
+    }
+)

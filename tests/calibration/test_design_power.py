@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 from tests.calibration.ideal import start, walk, walk_by
+from tests.looping import each
 
 from betterbench.calibration.chance import chance_of
 from betterbench.policies.decisions import ExpertRule, Situation
@@ -29,7 +30,7 @@ MOST_BY_WORD, MOST_WITHOUT_LANGUAGE = 20, 8
 Step = tuple[str, str, str, str, str]
 """What is brought, or the slot that it is picked from; relation, target, region, and the slot of the target."""
 
-each_variation = pytest.mark.parametrize(("task", "name"), VARIATIONS, ids=["/".join(v) for v in VARIATIONS])
+each_variation = each("task, name", VARIATIONS)
 
 
 def stands_in(condition: Condition, name: str, moved: dict[str, str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 from tests.report.factory import run_of
 
 from betterbench.diagnosis import packaged_calibration
@@ -25,7 +26,7 @@ def test_each_part_of_the_family_ships_the_calibration_of_all_its_policies(part)
     assert set(found.policies) == {p.address for p in INDEPENDENT.values() if p.part == part}
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@each("family", FAMILIES)
 def test_the_documentation_gives_the_packaged_numbers(family):
     found = packaged_calibration(family)
     assert found is not None

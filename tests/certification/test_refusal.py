@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.looping import each
 
 from betterbench.certification import packaged_coverage
 from betterbench.certification.certificate import CertificateVersions
@@ -124,8 +125,8 @@ def test_a_missing_certificate_is_named(better):
     assert "nowhere.json: cannot be read" in better("--certificate", "nowhere.json")
 
 
-@pytest.mark.parametrize("names", [[], ["L1"], ["L2", "R1", "T2"], ["L1", "L2", "R1", "O1", "T2"]])
-@pytest.mark.parametrize("trials", [1, 3, 20])
+@each("names", [[], ["L1"], ["L2", "R1", "T2"], ["L1", "L2", "R1", "O1", "T2"]])
+@each("trials", [1, 3, 20])
 def test_a_plan_of_some_variations_is_part_of_the_plan_of_all(names, trials):
     tasks = ["office_drawer"]
     whole = {(t.task, t.condition, t.seed) for t in make_plan("noop", tasks=tasks, trials=trials).trials}

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 import pytest
+from tests.looping import each
 
 from betterbench.certification.handling import DrawerMove, Handling, Pick, Preplaced, Put, Release
 from betterbench.certification.support import LEFT_M, LEFT_RAD, TrainedSupport
@@ -70,7 +71,7 @@ def preplaced(kind, target_kind, pose) -> Preplaced:
     return Preplaced("thing", kind, f"{kind}#0", target_kind, f"{target_kind}#0", "", pose)
 
 
-@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+@each("task", TASKS, name=lambda t: t.id)
 def test_what_training_asks_for_is_inside_its_own_support(task):
     trained = support_of(task)
     for condition in task.training:
@@ -190,7 +191,7 @@ def test_what_is_preplaced_has_to_stand_as_a_demonstration_leaves_it():
     assert "where no demonstration leaves an object" in judged(target="lunchbox")
 
 
-@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+@each("task", TASKS, name=lambda t: t.id)
 def test_every_trained_place_was_measured(task):
     found = demonstrated(task, engine=engine_version())
     assert {r.place for r in found.releases} == set(support_of(task).spots)

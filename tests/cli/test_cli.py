@@ -13,6 +13,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 from tests.evaluation.conftest import in_few_steps
+from tests.looping import each
 
 from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
@@ -75,7 +76,7 @@ def brief_run(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("verb", every_command())
+@each("verb", every_command())
 def test_every_verb_has_help_with_an_example(capsys, verb):
     status, out, _ = run(capsys, *verb.split(), "--help")
     assert status == 0
@@ -106,7 +107,7 @@ def test_options_may_precede_the_command_of_a_verb(capsys, tmp_path):
     assert "has no asset catalogue" in before[2]
 
 
-@pytest.mark.parametrize("verb", every_command())
+@each("verb", every_command())
 def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
     monkeypatch.setenv("COLUMNS", "80")
     _, out, _ = run(capsys, *verb.split(), "--help")

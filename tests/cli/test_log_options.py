@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.looping import each
 
 from betterbench.cli.main import VERBS, main
 from betterbench.jobs.worker_process import prepare_process
@@ -67,7 +68,7 @@ def test_a_run_logs_its_trials_if_asked(tmp_path):
     assert "fast_food/train1/0: 2 of 2 trials done" in done.stderr
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@each("verb", VERBS)
 def test_every_verb_has_the_options(verb, capsys):
     with pytest.raises(SystemExit):
         main([verb, "--help"])

@@ -12,6 +12,7 @@ import sys
 import threading
 
 import pytest
+from tests.looping import each
 
 from betterbench.cli import console, progress
 from betterbench.cli.console import Terminal, complain, print_table, progress_bar
@@ -137,7 +138,7 @@ def test_tables_keep_what_stands_in_brackets_and_set_numbers_flush_right(capsys,
     ]
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@each("verb", VERBS)
 def test_the_example_of_a_verb_can_be_pasted_from_a_narrow_terminal(capsys, monkeypatch, verb):
     monkeypatch.setenv("COLUMNS", "60")
     with pytest.raises(SystemExit):

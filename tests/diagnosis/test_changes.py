@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.looping import each
 
 from betterbench.diagnosis import Label, diagnose_run
 from betterbench.diagnosis.changes import find_changes
@@ -115,8 +116,8 @@ def test_labels_rules_and_evidence_are_told_apart():
     assert change(replace(TRIAL, has_record=False)).reasons == ("its record is missing",)
 
 
-@pytest.mark.parametrize(
-    ("changes", "reasons"),
+@each(
+    "changes, reasons",
     [
         (
             {"label": "early_halt", "rule": "stands", "start_s": 2.0},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.diagnosis.favorite_thing import favorite_thing
 from betterbench.diagnosis.trial import Choice
@@ -82,7 +83,7 @@ def test_others_are_not_said_to_have_a_favorite(choose, options):
     assert favorite_thing(run(choose, **options)) is None
 
 
-@pytest.mark.parametrize("seed", range(40))
+@each("seed", range(40))
 def test_a_policy_that_picks_at_random_has_no_favorite(seed):
     def anything(asked, standing, rng):
         return standing[rng.integers(len(standing))]

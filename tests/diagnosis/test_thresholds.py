@@ -8,7 +8,7 @@ import importlib
 import re
 from pathlib import Path
 
-import pytest
+from tests.looping import each
 
 from betterbench.diagnosis import diagnose_records, thresholds
 from betterbench.tasks import THRESHOLDS, all_labels, threshold_table
@@ -93,7 +93,7 @@ def constants(tree: ast.Module) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("module", MODULES)
+@each("module", MODULES)
 def test_no_module_of_the_diagnosis_has_a_threshold_of_its_own(module):
     calls = [n for n in ast.walk(tree_of(module)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
     entered = [call.args[0].value for call in calls if call.func.id == "threshold"]
@@ -102,7 +102,7 @@ def test_no_module_of_the_diagnosis_has_a_threshold_of_its_own(module):
     assert not extra, f"{module} has the numbers {sorted(extra)}: enter them in diagnosis/thresholds.py"
 
 
-@pytest.mark.parametrize("module", MODULES)
+@each("module", MODULES)
 def test_nothing_is_compared_with_a_number_that_has_no_name(module):
     """A number in a comparison, or a time in seconds that is turned into steps, is a threshold."""
     for node in ast.walk(tree_of(module)):
@@ -117,7 +117,7 @@ def test_exceptions_are_still_there():
         assert names <= constants(tree_of(module)), f"{module}: remove what is gone from NO_THRESHOLDS"
 
 
-@pytest.mark.parametrize("entry", threshold_table(), ids=lambda entry: entry.name)
+@each("entry", threshold_table(), name=lambda entry: entry.name)
 def test_every_threshold_says_what_moves_if_it_moves(entry):
     match = re.fullmatch(r"Larger: [^.]+\.", entry.effect)
     assert match, f"{entry.name}: say what a larger value changes, in one sentence that begins with 'Larger: '"

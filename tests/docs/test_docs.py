@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 
 from betterbench.cli.main import VERBS
 from betterbench.diagnosis.failure_mode import exposed_labels
@@ -41,14 +42,14 @@ def test_snippets_run(page, number, code, tmp_path, monkeypatch):
     exec(compile(code, f"{page}:{number}", "exec"), {"__name__": "snippet"})  # noqa: S102 - our own documentation
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@each("page", PAGES, name=lambda p: p.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+?)\)", page.read_text()):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@each("page", PAGES, name=lambda p: p.name)
 def test_commands_exist(page):
     for block in blocks(page, "sh"):
         for verb in re.findall(r"^(?:\.venv/bin/)?better ([a-z][\w-]*)", block, flags=re.MULTILINE):

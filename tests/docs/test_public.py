@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 
 ROOT = Path(__file__).parents[2]
 
@@ -61,7 +62,7 @@ def problems(code: str) -> Iterator[str]:
                 yield f"{module}.{node.attr}"
 
 
-@pytest.mark.parametrize(("page", "line", "code"), BLOCKS, ids=[f"{p.name}:{line}" for p, line, _ in BLOCKS])
+@each("page, line, code", BLOCKS)
 def test_a_block_uses_public_names_alone(page, line, code):
     assert list(problems(code)) == [], f"{page}:{line}. Public is what docs/reference documents"
 

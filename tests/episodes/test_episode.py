@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from tests.daily import others_slow
+from tests.looping import each
 
 from betterbench.episodes import Observer, TrialContext, heap, run_episode, settled_heap
 from betterbench.evaluation import check_record
@@ -282,7 +283,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize(("answer", "steps", "reason"), HOSTILE.values(), ids=HOSTILE.keys())
+@each("answer, steps, reason", HOSTILE.values())
 def test_whatever_a_policy_does_the_trial_ends_as_policy_error_with_its_reason(answer, steps, reason):
     record = run(Scripted(answer))
     assert record.outcome.termination == "policy_error"

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.episodes import Observer, Question, Reply, TrialContext, answer, episode_steps, run_episode
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
@@ -151,9 +152,9 @@ def test_the_mean_of_a_rotation_and_itself_with_the_other_sign_is_that_rotation(
     assert weighted_mean(np.array([pose, flipped]), 0.1, EE_POSE) == pytest.approx(pose)
 
 
-@pytest.mark.parametrize("execution", [{}, {"horizon": 2}, {"ahead": 1}, {"ensemble": 0.1}])
-@pytest.mark.parametrize(
-    ("spoil", "reason"),
+@each("execution", [{}, {"horizon": 2}, {"ahead": 1}, {"ensemble": 0.1}])
+@each(
+    "spoil, reason",
     [
         (lambda chunk: chunk[:, :6], r"shape \(8, 6\)"),
         (lambda chunk: chunk[:0], "at least one action"),

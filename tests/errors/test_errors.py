@@ -6,6 +6,7 @@ import inspect
 import multiprocessing
 
 import pytest
+from tests.looping import each
 
 from betterbench import errors
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError
@@ -54,7 +55,7 @@ def test_invalid_input_names_field_problem_and_cure_in_one_line(cure):
     assert (error.where, error.problem) == ("--trials", "0 is not positive")
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda k: k.__name__)
+@each("kind", KINDS, name=lambda k: k.__name__)
 def test_every_error_is_one_line_and_a_better_error(kind):
     error = example(kind)
     assert isinstance(error, BetterError)
@@ -62,7 +63,7 @@ def test_every_error_is_one_line_and_a_better_error(kind):
     assert kind.__doc__
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda k: k.__name__)
+@each("kind", KINDS, name=lambda k: k.__name__)
 def test_every_error_travels_between_processes_unchanged(kind):
     here, there = multiprocessing.Pipe()
     with here, there:
@@ -73,7 +74,7 @@ def test_every_error_travels_between_processes_unchanged(kind):
     assert vars(got) == vars(example(kind))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_an_error_survives_what_gymnasium_does_with_it(kind):
     """Its vector environments raise ``type(error)(error)`` in the process that waits."""
     copy = kind(example(kind))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 from pydantic import TypeAdapter
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import parse_json, read_bounded, read_form, read_object, strict_form
@@ -35,8 +36,8 @@ def test_a_form_is_read_from_bytes_and_from_a_value():
     assert read_form(WHOLE, [{"count": 1, "sizes": [1, 2.5]}], where="f.json", cure="Mend it") == part
 
 
-@pytest.mark.parametrize(
-    ("form", "text"),
+@each(
+    "form, text",
     [
         (b'[{"count": true, "sizes": []}]', "f.json: [0].count: Input should be a valid integer, not True. Mend it."),
         (b'[{"count": 1.0, "sizes": []}]', "f.json: [0].count: Input should be a valid integer, not 1.0. Mend it."),

@@ -7,6 +7,7 @@ import json
 import time
 
 import pytest
+from tests.looping import each
 
 from betterbench.diagnosis.run import read_plan
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
@@ -21,8 +22,8 @@ from betterbench.tasks.interventions import vary
 TASKS = tuple(get_task(name) for name in suite_tasks("better60"))
 
 
-@pytest.mark.parametrize("trials", [1, 3, 20])
-@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+@each("trials", [1, 3, 20])
+@each("task", TASKS, name=lambda t: t.id)
 def test_every_variation_gets_its_trials_and_training_gets_as_many_in_all(task, trials):
     plan = make_plan("noop", tasks=[task.id], trials=trials)
     for v in task.variations:
@@ -71,7 +72,7 @@ def test_a_task_named_twice_is_run_once():
     )
 
 
-@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+@each("task", TASKS, name=lambda t: t.id)
 def test_trials_resolve_to_what_the_task_says(task):
     for trial in make_plan("noop", tasks=[task.id], trials=1).trials:
         found = trial.resolve()
@@ -141,7 +142,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("arguments", "error", "text"), BAD.values(), ids=BAD.keys())
+@each("arguments, error, text", BAD.values())
 def test_bad_arguments_are_named_before_anything_runs(arguments, error, text):
     with pytest.raises(error, match=text):
         make_plan("noop", **arguments)

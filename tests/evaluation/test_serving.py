@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from tests.looping import each
 from websockets.sync.client import connect
 
 from betterbench.episodes import Observer
@@ -144,8 +145,8 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
         np.testing.assert_array_equal(np.array(actions), known[trial][:32])
 
 
-@pytest.mark.parametrize(
-    ("changes", "text"),
+@each(
+    "changes, text",
     [
         ({"better/step": 5}, "executed other actions"),
         ({"better/step": 100_000}, "ends after"),

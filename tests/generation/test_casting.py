@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building.casting import cast_of
@@ -100,8 +101,8 @@ def test_what_does_not_suit_is_refused_with_the_reason(catalogue: Catalogue, sce
         cast_of(scenario, catalogue)
 
 
-@pytest.mark.parametrize(
-    ("query", "category", "kind"),
+@each(
+    "query, category, kind",
     [
         ("coffee cup", "mug", "coffee cup"),
         ("glass", "tumbler", "glass"),
@@ -124,7 +125,7 @@ def test_the_noun_of_a_query_is_an_everyday_word_for_what_is_seen(
     assert (item.category, item.kind) == (category, kind)
 
 
-@pytest.mark.parametrize(
+@each(
     "query",
     ["banana", "laptop bag", "toy car", "bag of chips", "chips", "computer", "desk", "metal", "wood", "ball", "food",
      "coffee", "apples", "two apples", "pair of mugs", "wine glass", "apple juice"],

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.choosing import checked_sentence, choose_template, scenarios_about, wanted_in
 from betterbench.generation.sense import sense_problems
 
 
-@pytest.mark.parametrize(
-    ("sentence", "template"),
+@each(
+    "sentence, template",
     [
         ("Pack an apple, a lemon and a soda can into the lunchbox", "loose_packing"),
         ("Throw the crushed can into the bin.", "loose_packing"),
@@ -89,8 +90,8 @@ def test_a_number_asks_for_several():
     assert first == second
 
 
-@pytest.mark.parametrize(
-    ("sentence", "said"),
+@each(
+    "sentence, said",
     [
         ("Put the hammer into the box", "Unknown object 'hammer'"),
         ("Put the screwdriver next to the plate", "Unknown object 'screwdriver'"),

@@ -232,8 +232,8 @@ NAPKINS = dataclasses.replace(FORK, name="napkins", kind="napkins", category="na
 CAN = dataclasses.replace(FORK, name="can", kind="can", category="can")
 
 
-@pytest.mark.parametrize(
-    ("cast", "text"),
+@each(
+    "cast, text",
     [
         (smaller(LOOSE_PACKING[0], "items", LEMON, FORK), "items.*has 2 objects, but three or four are needed"),
         (smaller(LOOSE_PACKING[2], "container"), "container.*has 0 objects"),

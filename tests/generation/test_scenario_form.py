@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.generation.examples import GOOD, changed, item
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.generation.scenario_form import (
@@ -30,8 +31,8 @@ def test_a_scenario_is_the_same_after_writing_and_reading():
     assert scenario.groups["items"][1].size_m == (0.06, 0.09)
 
 
-@pytest.mark.parametrize(
-    ("form", "said"),
+@each(
+    "form, said",
     [
         (changed(["instruction"], ...), "answer[0]: instruction: is missing"),
         (changed(["note"], "x"), "answer[0]: note: is unknown"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.generation.examples import GOOD, changed, described, item
+from tests.looping import each
 
 from betterbench.generation.scenario_form import scenario_from_answer
 from betterbench.generation.sense import gripper_opening_m, require_sense, sense_problems
@@ -25,8 +26,8 @@ SPONGE = described("sponge", "yellow sponge", [0.02, 0.03], [0.06, 0.07])
 GADGET = described("gadget", "gizmo", [0.02, 0.03], [0.06, 0.07])
 
 
-@pytest.mark.parametrize(
-    ("form", "said"),
+@each(
+    "form, said",
     [
         (changed(["instantiation", "item"], []), "instantiation: Unknown group 'item'. Did you mean 'items'"),
         (
@@ -99,8 +100,8 @@ def test_natural_instructions_about_what_is_there_are_accepted(text):
     assert problems(form) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
+@each(
+    "text, said",
     [
         ("Pack the hiking lunch", "is not one sentence that ends with a period"),
         ("Pack the lunch. Close the lunchbox.", "is not one sentence that ends with a period"),

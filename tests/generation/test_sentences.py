@@ -6,6 +6,7 @@ import re
 
 import pytest
 from tests.daily import others_slow
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.generation.building.casting import cast_of
@@ -234,7 +235,7 @@ def test_the_built_goal_is_the_stated_one(catalogue, sentence, is_instruction, g
             assert {region for _, region in built[kind]} == {place}, "the only place in training"
 
 
-@pytest.mark.parametrize(("sentence", "word"), REFUSED, ids=[s for s, _ in REFUSED])
+@each("sentence, word", REFUSED)
 def test_a_goal_that_no_pattern_holds_is_refused_with_its_word(sentence, word):
     with pytest.raises(InvalidInputError, match=f"(?i){re.escape(word)}") as caught:
         scenarios_about(sentence, 1)

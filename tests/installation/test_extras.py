@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
+from tests.looping import each
 
 from betterbench import installation
 from betterbench.cli.checks import run_checks
@@ -56,8 +57,8 @@ def test_the_helper_knows_every_extra_of_the_package(tool):
     assert sorted(tool.extra_names()) == OFFERED
 
 
-@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
-@pytest.mark.parametrize("extra", OFFERED)
+@each("python", ["3.11", "3.12", "3.13"])
+@each("extra", OFFERED)
 def test_a_lock_serves_every_extra_beside_the_developers_packages(tool, extra, python):
     requirements = [Requirement(text) for text in PROJECT["optional-dependencies"][extra]]
     for text in tool.package_lists("dev", (extra,)):
@@ -198,7 +199,7 @@ def test_this_installation_is_a_clone():
     assert installation.clone_folder() == ROOT
 
 
-@pytest.mark.parametrize("extra", OFFERED)
+@each("extra", OFFERED)
 def test_what_an_extra_asks_for_is_read_from_the_installed_package(extra):
     own = {"python_version": f"{sys.version_info.major}.{sys.version_info.minor}"}
     wanted = [Requirement(text) for text in PROJECT["optional-dependencies"][extra]]

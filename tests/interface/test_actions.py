@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA, JOINT_POSITION, ActionSpace, action_space
@@ -54,8 +55,8 @@ def test_clipping_leaves_the_given_array_alone() -> None:
     assert (given_action == 3.0).all()
 
 
-@pytest.mark.parametrize(
-    ("action", "words"),
+@each(
+    "action, words",
     [
         (np.zeros(6), r"expected shape \(7,\), got \(6,\)"),
         (np.zeros((1, 7)), r"expected shape \(7,\), got \(1, 7\)"),

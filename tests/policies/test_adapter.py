@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.looping import each
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
@@ -134,7 +135,7 @@ def test_constants_go_with_every_request_and_the_address_sets_them():
         read_address("gr00t://host?send.x=1")
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
+@each("preset", PRESETS.values())
 def test_the_answer_of_every_preset_means_the_actions_that_it_was_written_for(preset):
     space = action_space(preset.answer.space)
     draw = np.random.default_rng(3)
@@ -148,7 +149,7 @@ def test_the_answer_of_every_preset_means_the_actions_that_it_was_written_for(pr
     assert np.allclose(preset.actions(reply, seen()), actions, atol=atol)
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
+@each("preset", PRESETS.values())
 def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_path):
     form = json.loads(json.dumps(preset.to_json()))
     assert Adapter.from_json(form) == preset
@@ -396,8 +397,8 @@ def test_reading_what_was_written_gives_the_actions_back(rule, data):
     assert np.allclose(back, actions, atol=1e-9)
 
 
-@pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@each("rule", RULES)
+@each("bad", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_stay_so_and_spoil_no_other_row(rule, bad):
     space = ACTION_SPACES[rule.space]
     mine = adapter(rule)

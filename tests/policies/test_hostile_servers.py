@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import zmq
 from pydantic import TypeAdapter
+from tests.looping import each
 from websockets.sync.server import serve
 
 from betterbench.errors import (
@@ -268,7 +269,7 @@ STEERING = "\x1b[2J\u202e a\nb " + "x" * 200_000
 OURS = {"protocol": 1, "preset": "native", "action_space": action_space("ee_delta").to_json()}
 
 
-@pytest.mark.parametrize(
+@each(
     "declared",
     [
         OURS | {"protocol": STEERING},
@@ -411,8 +412,8 @@ SERVERS = {
 }
 
 
-@pytest.mark.parametrize("address", SERVERS)
-@pytest.mark.parametrize("kind", TOO_MUCH)
+@each("address", SERVERS)
+@each("kind", TOO_MUCH)
 def test_a_declaration_too_large_or_too_deep_is_one_line(address, kind):
     declared, text = TOO_MUCH[kind]
     if kind == "large" and address.startswith("http"):

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 
 import betterbench
 import betterbench_calibration
@@ -34,7 +35,7 @@ from betterbench.policies.kinds.kind import AT_ONCE, STATE
 from betterbench.policies.kinds.noop import Noop
 from betterbench.records.naming import built_in_names
 
-EACH_KIND = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+EACH_KIND = each("kind", KINDS.values(), lambda kind: kind.name)
 KINDS_FOLDER = Path(betterbench.__path__[0]) / "policies" / "kinds"
 
 
@@ -45,7 +46,7 @@ def test_an_address_belongs_to_one_kind(kind):
     assert [other for other in KINDS.values() if other.form.has(address)] == [kind]
 
 
-@pytest.mark.parametrize("entry", known_policies(), ids=lambda entry: entry.address)
+@each("entry", known_policies(), name=lambda entry: entry.address)
 def test_a_listed_address_is_found_by_its_kind(entry):
     kind = kind_of(entry.address)
     assert entry in kind.entries()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Execution, Observation
@@ -55,8 +56,8 @@ def position(adapter, observation):
     return np.concatenate([np.asarray(adapter.state(rule, observation))[:3] for rule in rules])
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("suite", BASES)
+@each("layout", LAYOUTS)
+@each("suite", BASES)
 def test_every_suite_has_a_preset_that_needs_nothing_else(layout, suite):
     preset = PRESETS[f"{layout}_{suite}"]
     answer = preset.answer
@@ -114,8 +115,8 @@ def executed(query):
     return describe_remote_policy(address, adapter_of(address), {}).execution
 
 
-@pytest.mark.parametrize(
-    ("query", "expected"),
+@each(
+    "query, expected",
     [
         ("preset=openpi_libero", Execution(horizon=5)),
         ("preset=openpi_libero_goal", Execution(horizon=5)),

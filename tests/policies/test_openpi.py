@@ -12,6 +12,7 @@ from dataclasses import replace
 import msgpack
 import numpy as np
 import pytest
+from tests.looping import each
 from websockets.asyncio.server import serve
 
 from betterbench.errors import (
@@ -249,9 +250,9 @@ def test_a_wrong_path_is_said_at_once(absent, text):
     assert time.monotonic() - begun < 10.0
 
 
-@pytest.mark.parametrize("scheme", ["openpi", "vla-eval", "starvla", "http", "https"])
-@pytest.mark.parametrize(
-    ("target", "server", "path"),
+@each("scheme", ["openpi", "vla-eval", "starvla", "http", "https"])
+@each(
+    "target, server, path",
     [
         ("gpu-box:8001/v1/a", ("gpu-box", 8001), "/v1/a"),
         ("[::1]:8001/v1/a", ("::1", 8001), "/v1/a"),
@@ -274,8 +275,8 @@ def test_zeromq_has_no_paths(scheme, path):
     read_address(f"{scheme}://[::1]:5555")
 
 
-@pytest.mark.parametrize("scheme", ["openpi", "vla-eval", "starvla", "http"])
-@pytest.mark.parametrize("path", ["/straße", "/50%", "/a%2", "/%zz", "/a b", "/a\tb", "/a#b", "/a\nb"])
+@each("scheme", ["openpi", "vla-eval", "starvla", "http"])
+@each("path", ["/straße", "/50%", "/a%2", "/%zz", "/a b", "/a\tb", "/a#b", "/a\nb"])
 def test_a_path_that_cannot_be_sent_is_refused(scheme, path):
     with pytest.raises(InvalidInputError, match=r"percent-encoding|is not a host with a port") as caught:
         read_address(f"{scheme}://host:8000{path}")
@@ -455,8 +456,8 @@ def test_the_space_of_a_native_server_is_taken_over():
             policy.close()
 
 
-@pytest.mark.parametrize(
-    ("change", "query", "text"),
+@each(
+    "change, query, text",
     [
         ({"control_rate_hz": 15.0}, "", "rate hz: this side declares 20, .* declares 15"),
         ({"preset": "other"}, "preset=openpi_libero", "preset: .*'openpi_libero', .* declares 'other'"),

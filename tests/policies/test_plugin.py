@@ -6,6 +6,7 @@ import hashlib
 import sys
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, PolicyProcessError, UnknownNameError
 from betterbench.interface import PolicyInfo
@@ -90,7 +91,7 @@ def test_what_is_missing_is_named(plugin, name, text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@each(
     "address",
     [
         "",

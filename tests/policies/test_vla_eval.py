@@ -13,6 +13,7 @@ import anyio
 import msgpack
 import numpy as np
 import pytest
+from tests.looping import each
 from vla_eval.model_servers.oft import OFTModelServer
 from vla_eval.model_servers.openvla import OpenVLAModelServer
 from vla_eval.model_servers.predict import PredictModelServer
@@ -352,8 +353,8 @@ def test_a_broken_connection_starts_the_episode_again():
     assert heard[:6] == ["hello", "episode_start", "observation", "hello", "episode_start", "observation"]
 
 
-@pytest.mark.parametrize(
-    ("reply", "text"),
+@each(
+    "reply, text",
     [
         (lambda _: [b"garbage"], "cannot be read"),
         (lambda _: ["text"], "not a message"),

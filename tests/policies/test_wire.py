@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.policies.protocols import wire
@@ -156,7 +157,7 @@ ND_READERS = pytest.mark.parametrize("decode", [decode_gr00t, decode_openpi])
 
 
 @ND_READERS
-@pytest.mark.parametrize(
+@each(
     "change",
     [
         {b"kind": b"O"},
@@ -177,7 +178,7 @@ ND_READERS = pytest.mark.parametrize("decode", [decode_gr00t, decode_openpi])
         {b"nd": 1},
     ],
 )
-@pytest.mark.parametrize("keys", [bytes, str])
+@each("keys", [bytes, str])
 def test_nd_arrays_that_are_no_plain_numbers_are_refused(decode, change, keys):
     form = {b"nd": True, b"type": "<f4", b"kind": b"", b"shape": [1], b"data": b"1234", **change}
     if keys is str:
@@ -266,7 +267,7 @@ def test_images_are_compressed_without_and_with_loss(images, largest):
 
 
 @EACH
-@pytest.mark.parametrize(
+@each(
     "value",
     [object(), {"a": np.array([object()])}, {"a": 1 + 2j}, {"a": np.zeros(2, complex)}, 2**70, {"a": {1, 2}}],
 )
@@ -378,8 +379,8 @@ def test_an_honest_image_of_that_make_is_read():
 
 
 @EACH
-@pytest.mark.parametrize(
-    ("frame", "text"),
+@each(
+    "frame, text",
     [
         (b"", "is incomplete"),
         (b"\x93\x01", "is incomplete"),

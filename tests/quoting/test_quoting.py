@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from markdown_it import MarkdownIt
+from tests.looping import each
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
 from betterbench.json_form import dump_json
@@ -39,7 +40,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from hostile import CANARY, HOSTILE
 
 WORDS = tuple(text for text in HOSTILE if "\0" not in text)
-SHOWN = pytest.mark.parametrize("text", HOSTILE, ids=[ascii(t[:24]) for t in HOSTILE])
+SHOWN = each("text", HOSTILE, ascii)
 
 
 def test_bash_reads_the_words_that_were_given(tmp_path):

@@ -1,5 +1,6 @@
 """``kill -9`` in the middle of a motion: no command follows, and the next start marks the attempt and moves nothing."""
 
+import itertools
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.real.plan import RealPolicy, make_plan, write_plan
 from betterbench.real.record import read_run
@@ -96,8 +98,7 @@ with RealJournal(folder) as journal:
 """
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
-@pytest.mark.parametrize("at", [1, 2, 3])
+@pytest.mark.parametrize(("at", "when"), others_slow(itertools.product([1, 2, 3], ["before", "after"]), 2))
 def test_a_kill_while_samples_film_or_header_are_written_loses_that_attempt_alone(tmp_path, at, when):
     from tests.real.protocols import header_of, packs
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import pytest
+from tests.looping import each
 from tests.real.joint_script import Script
 
 from betterbench.real.labels import UNSCORED, Judged, Setting, contradiction_of, label_of
@@ -48,8 +49,8 @@ PACKS, MISSES = closings((RIGHT, HELD)), closings((MIDDLE, AIR))
 PACKS_THEN_AIR = closings((RIGHT, HELD), (MIDDLE, AIR))
 
 
-@pytest.mark.parametrize(
-    ("condition", "signals", "outcome", "wanted", "rule"),
+@each(
+    "condition, signals, outcome, wanted, rule",
     [
         # The paper's short-horizon matrix.
         ("train1", PACKS, "done", Label.SUCCESS, "goal"),
@@ -105,8 +106,8 @@ def test_a_grasp_of_an_unknown_object_is_not_guessed():
     assert label("T1", closings((LEFT, HELD)), "done").rule == "unknown_object"
 
 
-@pytest.mark.parametrize(
-    ("condition", "signals", "outcome", "says"),
+@each(
+    "condition, signals, outcome, says",
     [
         ("train1", STILL, "done", "the arm never moved"),
         ("train1", STILL, "missed", "the arm never moved"),

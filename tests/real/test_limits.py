@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError
 from betterbench.real.limits import Limiter, LimitError, SafetyLimits
@@ -42,7 +43,7 @@ def wild(rng):
     return asked
 
 
-@pytest.mark.parametrize("unit", ["degrees", "normalized"])
+@pytest.mark.parametrize("unit", others_slow(["degrees", "normalized"], 2))
 def test_limits_are_never_exceeded_in_10000_random_steps(unit):
     rng = np.random.default_rng(48)
     limiter, state = limiter_of(unit)

@@ -6,6 +6,7 @@ from collections import Counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.real.plan import PLAN_NAME, RealPolicy, make_plan, matrix_conditions, plan_bytes, read_plan, write_plan
@@ -61,8 +62,8 @@ def test_a_code_is_independent_of_condition_and_policy():
     assert codes[0] != sorted(codes[0])
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "says"),
+@each(
+    "options, error, says",
     [
         ({"conditions": ["O1", "O1"]}, InvalidInputError, "conditions: 'O1' occurs 2 times"),
         ({"conditions": []}, InvalidInputError, "conditions: the list is empty"),
@@ -87,8 +88,8 @@ def test_two_policies_of_one_name_are_refused():
         make_plan([RealPolicy("a", "noop"), RealPolicy("a", "random")])
 
 
-@pytest.mark.parametrize(
-    ("names", "says"),
+@each(
+    "names, says",
     [
         (["a\nb"], "unprintable characters"),
         (["a\0"], "unprintable characters"),

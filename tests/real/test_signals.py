@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.looping import each
 from tests.real.joint_script import HOME, Script
 
 from betterbench.errors import InvalidInputError
@@ -53,8 +54,8 @@ def test_a_grasp_is_found_with_its_times_and_place(setting):
 
 
 @each_setting
-@pytest.mark.parametrize(
-    ("opening", "command", "grip"),
+@each(
+    "opening, command, grip",
     [(36.0, 27.0, Grip.OBJECT), (0.5, 0.0, Grip.NOTHING), (10.0, 9.5, Grip.NOTHING), (40.0, 40.0, Grip.PRESET)],
 )
 def test_the_jaw_tells_what_it_closed_on(setting, opening, command, grip):

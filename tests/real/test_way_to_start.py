@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.interface import PolicyInfo
 from betterbench.real import loop
@@ -93,7 +94,7 @@ def test_the_arm_reaches_its_start_from_where_it_usually_rests(rest):
     assert np.abs(commands[-1] - run.start_position())[:5].max() < np.degrees(loop.AT_HOME_RAD)
 
 
-@pytest.mark.parametrize("unit", ["degrees", "normalized"])
+@pytest.mark.parametrize("unit", others_slow(["degrees", "normalized"], 2))
 def test_no_limit_is_exceeded_from_any_state(unit):
     rng = np.random.default_rng(5)
     reached = 0

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.evaluation.mutating import mutated_bytes
 
 from betterbench.certification import load_coverage
@@ -267,7 +268,7 @@ def same_or_fewer(kind, before, found):
     return isinstance(fewer, dict) and list(fewer.items()) == list(some.items())[: len(fewer)]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", others_slow(KINDS, 2))
 def test_a_change_is_refused_or_changes_nothing(name, tmp_path, caplog):
     caplog.set_level(logging.CRITICAL)
     kind = KINDS[name]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -51,8 +52,8 @@ def test_the_frame_after_a_grasp_shows_what_became_of_it():
     assert long.times_s[long.captions.index("after")] == 9.0
 
 
-@pytest.mark.parametrize(
-    ("attempts", "start", "objects", "moment"),
+@each(
+    "attempts, start, objects, moment",
     [
         # the look-alike of the second step stands for the cup, the second thing that the twin takes
         ((step(2.0, "fork"), step(10.0, "tumbler", "distractor")), 10.0, ("tumbler",), 9.0),

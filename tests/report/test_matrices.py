@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -34,8 +35,8 @@ def place(task, name):
     return position_of(setting.condition, training=setting.axis is None)
 
 
-@pytest.mark.parametrize(
-    ("task", "name", "expected"),
+@each(
+    "task, name, expected",
     [
         ("morning_coffee", "train1", (Horizon.SHORT, TABLE, TABLE)),
         ("morning_coffee", "T1", (Horizon.SHORT, TARGET, TABLE)),
@@ -73,8 +74,8 @@ def lunch(apple, orange):
     return base.with_(objects=objects, layout=layout, preplaced=preplaced)
 
 
-@pytest.mark.parametrize("second", State)
-@pytest.mark.parametrize("first", State)
+@each("second", tuple(State))
+@each("first", tuple(State))
 def test_every_cell_of_the_long_matrix_can_be_reached(first, second):
     condition = lunch(first, second)
     assert position_of(condition, training=True) == CellPosition(Horizon.LONG, first, second)
@@ -86,8 +87,8 @@ def test_every_cell_of_the_long_matrix_can_be_reached(first, second):
     assert position_of(renamed, training=True) == CellPosition(Horizon.LONG, first, second)
 
 
-@pytest.mark.parametrize("second", State)
-@pytest.mark.parametrize("first", State)
+@each("second", tuple(State))
+@each("first", tuple(State))
 def test_every_cell_of_the_short_matrix_can_be_reached(first, second):
     condition = lunch(first, second)
     kept = tuple(o for o in condition.objects if o.name != "lemon")

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from jinja2 import Environment
 from tests.daily import others_slow
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -429,8 +430,8 @@ def _always_at(kind):
     return [replace(t, first_attempt_kind=kind, intended_kind=asked[k % 2]) for k, t in enumerate(made)]
 
 
-@pytest.mark.parametrize(
-    ("trials", "said"),
+@each(
+    "trials, said",
     [
         (_failed(Label.CAUSAL_CONFUSION, rule="finished_step_repeated"), "It repeats finished steps"),
         (_failed(Label.CAUSAL_CONFUSION, rule="required_step_skipped"), "It skips steps that are still open"),

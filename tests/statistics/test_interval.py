@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import Rate, clopper_pearson_interval, wilson_interval
@@ -31,8 +32,8 @@ def coverage(intervals: list[Interval], n: int, rates: np.ndarray) -> np.ndarray
     return np.asarray((mass * inside).sum(axis=1))
 
 
-@pytest.mark.parametrize("n", [1, 5, 20, 60])
-@pytest.mark.parametrize("confidence", [0.9, 0.95])
+@each("n", [1, 5, 20, 60])
+@each("confidence", [0.9, 0.95])
 def test_clopper_pearson_covers_every_rate(n: int, confidence: float) -> None:
     intervals = [clopper_pearson_interval(k, n, confidence=confidence) for k in range(n + 1)]
     assert coverage(intervals, n, np.linspace(0.001, 0.999, 499)).min() >= confidence
@@ -95,8 +96,8 @@ def test_more_trials_narrow_the_interval(interval) -> None:
     assert widths == sorted(widths, reverse=True)
 
 
-@pytest.mark.parametrize(
-    ("k", "low", "high"),
+@each(
+    "k, low, high",
     [
         (0, 0.0, 0.161),
         (1, 0.009, 0.236),

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import EProcess, discordant_e_process, two_rate_e_process
@@ -31,7 +32,7 @@ def decided(process: Callable[..., EProcess], trials: npt.NDArray[np.bool_]) -> 
 
 
 @pytest.mark.parametrize("process", BOTH)
-@pytest.mark.parametrize("rate", [0.1, 0.5, 0.9, 0.95])
+@pytest.mark.parametrize("rate", others_slow([0.1, 0.5, 0.9, 0.95], 2))
 def test_looking_after_every_pair_keeps_false_alarms_below_the_level(process, rate) -> None:
     share = np.mean(decided(process, independent(rate, rate, 200)) <= 200)
     assert 0.005 <= share <= 0.05

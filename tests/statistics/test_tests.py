@@ -9,6 +9,7 @@ import pytest
 import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import (
@@ -24,8 +25,8 @@ from betterbench.statistics import (
 )
 
 
-@pytest.mark.parametrize(
-    ("k", "p"),
+@each(
+    "k, p",
     [(13, 0.26), (14, 0.12), (7, 0.26), (10, 1.0), (9, 0.82), (6, 0.12), (19, 4e-5), (1, 4e-5), (20, 1.9e-6)],
 )
 def test_the_coffee_table_against_guessing(k: int, p: float) -> None:

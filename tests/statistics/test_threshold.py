@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import Reading, fit_threshold
@@ -40,7 +41,7 @@ def fitted(of, resamples=FEW):
 
 
 @pytest.mark.parametrize("wrong", [0.05, 0.1])
-@pytest.mark.parametrize("s", [8, 12, 20, 32])
+@pytest.mark.parametrize("s", others_slow([8, 12, 20, 32], 2))
 def test_a_known_threshold_is_found_within_a_tenth(s, wrong):
     found = fitted(readings(s, wrong=wrong))
     assert found.reason == ""

@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import (
@@ -74,7 +75,7 @@ def test_impossible_evidence_and_levels_are_refused(evidence, level, where):
         (0.6, 0.1, {Verdict.NO_DROP, Verdict.NOT_LEARNED}),
     ],
 )
-@pytest.mark.parametrize("twins", [1, 30], ids=["one twin for all", "a twin each"])
+@pytest.mark.parametrize("twins", others_slow([1, 30], 2))
 def test_any_wrong_verdict_in_a_suite_is_rarer_than_the_level(twin, varied, wrong, twins):
     generator = np.random.default_rng([1, round(10 * twin), twins])
     asked = questions(30, twins=twins)

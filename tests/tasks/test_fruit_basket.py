@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 
@@ -43,7 +44,7 @@ def test_it_has_a_suite_of_its_own() -> None:
     assert suite_of("nothing") is None
 
 
-@pytest.mark.parametrize(("matrix", "cell"), CELLS, ids=lambda v: getattr(v, "paper", getattr(v, "rows", "")))
+@each("matrix, cell", CELLS)
 def test_the_conditions_of_a_cell_have_its_states(matrix, cell) -> None:
     for name in cell.conditions:
         condition = resolve_condition("fruit_basket", name).condition

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
+from tests.looping import each
 
 from betterbench.geometry import Pose, from_axis_angle
 from betterbench.tasks import Expected, all_tasks, broken_premises, get_task
@@ -17,7 +17,7 @@ def condition_of(task_id, name):
     return task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
 
 
-@pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=[f"{t}/{n}" for t, n in CONDITIONS])
+@each("task_id, name", CONDITIONS)
 def test_every_condition_keeps_its_premise(at_reset, task_id, name):
     assert broken_premises(condition_of(task_id, name), at_reset(task_id, name)) == ()
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.sim.scenes.appearance import LOOK_SETS, UNSEEN_LOOK_SETS, look_of
 from betterbench.sim.scenes.builder import slot_pose
@@ -51,7 +51,7 @@ def test_streams_of_neighboring_seeds_are_uncorrelated():
 SLOTS = [(t, s) for t in all_tasks() for s in t.slots]
 
 
-@pytest.mark.parametrize(("task", "slot"), SLOTS, ids=[f"{t.id}:{s.name}" for t, s in SLOTS])
+@each("task, slot", SLOTS)
 def test_slot_jitter_stays_in_its_box_and_fills_it(task, slot):
     drawn = [slot_pose(task, seed, slot.name) for seed in range(60)]
     dx = np.array([p[0] - slot.x for p, _ in drawn])

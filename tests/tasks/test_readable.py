@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError
 from betterbench.tasks import Condition, Slot
@@ -69,8 +70,8 @@ TEXTS = [
 STEERING = ["\x1b[2J", "\x9b2J", "\u202egnp", "\ud800", "\0", "\u2066", "\U000e0041"]
 
 
-@pytest.mark.parametrize(("change", "where"), NAMES, ids=[place for _, place in NAMES])
-@pytest.mark.parametrize("word", [*STEERING, "/../../x", "'; touch x #", "<b>", '"/>', "\n", "x" * 101], ids=ascii)
+@each("change, where", NAMES)
+@each("word", [*STEERING, "/../../x", "'; touch x #", "<b>", '"/>', "\n", "x" * 101])
 def test_names(change, where, word):
     with pytest.raises(InvalidInputError, match="cannot be a name") as caught:
         require_readable(change(word))
@@ -79,8 +80,8 @@ def test_names(change, where, word):
     require_readable(change("_2 é-x.1"))
 
 
-@pytest.mark.parametrize(("change", "where"), TEXTS, ids=[place for _, place in TEXTS])
-@pytest.mark.parametrize("word", STEERING, ids=ascii)
+@each("change, where", TEXTS)
+@each("word", STEERING)
 def test_texts(change, where, word):
     with pytest.raises(InvalidInputError, match="unprintable character") as caught:
         require_readable(change(word))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.looping import each
 from tests.tasks.arranging import condition_of, one_step_before, states_of
 
 from betterbench.geometry import Pose, from_yaw
@@ -48,9 +49,7 @@ def verdict(place: str | None) -> str:
     return "no" if place is None else place or "yes"
 
 
-@pytest.mark.parametrize(
-    "line", LINES, ids=[f"{i}-{r.relation}-{r.why.replace(' ', '_')}" for i, r in enumerate(LINES)]
-)
+@each("line", LINES)
 def test_a_relation_says_what_a_person_would_say(line):
     thing, target = line.pair.split(" > ")
     _, state = states_of(line.setting, line.arrangement)
@@ -90,7 +89,7 @@ def test_a_relation_reads_poses_contacts_and_what_is_held_and_nothing_else():
         assert where(other, thing, target) == where(state, thing, target), line
 
 
-@pytest.mark.parametrize("cells", HARMS, ids=[f"{i}-{c[0]}-{c[3].replace(' ', '_')}" for i, c in enumerate(HARMS)])
+@each("cells", HARMS)
 def test_a_success_does_no_harm(cells):
     setting, arrangement, goal, _ = cells
     start, state = states_of(setting, arrangement)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import pytest
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
 from legibility_sheet import ACCEPTED, REFUSED, _places, is_right
 
 
-@pytest.mark.parametrize(
-    ("answer", "category", "color", "right"),
+@each(
+    "answer, category, color, right",
     [
         ("red mug", "mug", "red", True),
         ("a coffee cup", "mug", "red", True),

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from tests.looping import each
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -127,7 +128,7 @@ def test_a_newer_uv_than_the_oldest_is_accepted(setup_environment: ModuleType, t
     assert not setup_environment.uv_works(tmp_path / "missing" / "uv")
 
 
-@pytest.mark.parametrize("lock", sorted((ROOT / "requirements").glob("*.lock")), ids=lambda lock: lock.name)
+@each("lock", sorted((ROOT / "requirements").glob("*.lock")), name=lambda lock: lock.name)
 def test_locks_pin_every_package_with_a_hash_and_name_no_host(lock: Path) -> None:
     text = lock.read_text(encoding="utf-8")
     assert not re.search(r"://| @ |^-", text, flags=re.MULTILINE)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import platformdirs
 import pytest
 from tests.vlm.published import Server
+
+ROBOTS = platformdirs.user_cache_path("betterbench") / "robots"
+"""Prepared meshes of the robot, which take seconds to prepare."""
 
 
 @pytest.fixture(autouse=True)
 def cache_home(tmp_path_factory, monkeypatch):
     """Keeps replies out of the user's cache folder, also in processes that a test starts."""
     home = tmp_path_factory.mktemp("cache")
+    (home / "betterbench").mkdir()
+    ROBOTS.mkdir(parents=True, exist_ok=True)
+    (home / "betterbench" / "robots").symlink_to(ROBOTS)
     monkeypatch.setenv("XDG_CACHE_HOME", str(home))
     return home
 

@@ -42,7 +42,7 @@ def test_policies_without_differences_and_a_single_policy():
 
 @pytest.fixture(scope="module")
 def acted(tmp_path_factory):
-    """Runs of two policies; not within a test, whose empty cache folder lacks the prepared meshes of the robot."""
+    """Runs of two policies."""
     folder, wanted = tmp_path_factory.mktemp("acted"), {"morning_coffee": ("L3", None)}
     return [small_run(policy, folder / policy.replace(":", "-"), wanted) for policy in ("zoo:color", "expert")]
 

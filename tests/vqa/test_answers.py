@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, ModelError, RecordError, RunConflictError
@@ -43,8 +44,8 @@ YES_NO, NUMBER = question(Form.YES_NO, "Yes"), question(Form.NUMBER, "2")
 BOX = question(Form.BOX, "[10, 20, 30, 60]", box=(10, 20, 30, 60))
 
 
-@pytest.mark.parametrize(
-    ("asked", "text", "read", "stage"),
+@each(
+    "asked, text, read, stage",
     [
         (CHOICE, "B", "red mug", "strict"),
         (CHOICE, "B. red mug", "red mug", "strict"),

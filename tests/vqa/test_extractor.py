@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-import pytest
+from tests.looping import each
 
 from betterbench.vqa.coordinates import CONVENTIONS
 from betterbench.vqa.parsing import AnswerSpec
@@ -20,8 +20,8 @@ def copied(*parts):
     return json.dumps({"copied": parts})
 
 
-@pytest.mark.parametrize(
-    ("spec", "text", "reply", "answer"),
+@each(
+    "spec, text, reply, answer",
     [
         (CHOICE, LONG, copied("C"), "C"),
         (CHOICE, LONG, f"```json\n{copied('C')}\n```", "C"),

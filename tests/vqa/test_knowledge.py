@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from tests.looping import each
 from tests.resealing import rewrite
 from tests.vqa.small import SIZE, small_run
 
@@ -197,8 +198,8 @@ def moment(run, source):
     return Moment(episode_of(record), 0, source.photo(record, 0, "front").view)
 
 
-@pytest.mark.parametrize(
-    ("text", "claims", "reason"),
+@each(
+    "text, claims, reason",
     [
         ("There is a red block.", [("red block", "is visible", "")], None),
         ("The apple is not in the lunchbox.", [("apple", "is not in", "lunchbox")], None),

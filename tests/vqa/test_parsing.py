@@ -7,6 +7,7 @@ import time
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.vqa.coordinates import CONVENTIONS, convention
 from betterbench.vqa.parsing import AnswerSpec, final_text, read_text
@@ -127,7 +128,7 @@ HOSTILE = [
 ]
 
 
-@pytest.mark.parametrize(("spec", "text", "answer", "stage"), HOSTILE)
+@each("spec, text, answer, stage", HOSTILE)
 def test_a_hostile_answer_is_read_as_documented(spec, text, answer, stage):
     began = time.process_time()
     read = read_text(spec, text)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from decimal import Context, Decimal
+import math
+from decimal import ROUND_HALF_UP, Context, Decimal
 from fractions import Fraction
 
 from betterbench.errors import InvalidInputError
@@ -32,8 +33,13 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
     """
     if digits < 0:
         raise InvalidInputError("digits", f"{digits} is not a valid number of decimals", "Use a number ≥ 0")
+    if isinstance(value, float) and math.isfinite(value):
+        decimal = Decimal(f"{value:.{_FLOAT_DIGITS - 1}e}")
+        room = Context(prec=max(28, decimal.adjusted() + digits + 2), rounding=ROUND_HALF_UP)
+        rounded = decimal.quantize(Decimal((0, (1,), -digits)), context=room)
+        return rounded or abs(rounded)
     try:
-        exact = Fraction(f"{value:.{_FLOAT_DIGITS - 1}e}") if isinstance(value, float) else Fraction(value)
+        exact = Fraction(value)
     except (ValueError, OverflowError, ZeroDivisionError) as error:
         raise InvalidInputError("value", f"{value!r} is not a finite number", "Use a number such as 7.685") from error
     scaled = abs(exact) * 10**digits

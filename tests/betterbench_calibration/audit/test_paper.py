@@ -7,6 +7,7 @@ from decimal import Decimal
 from importlib import resources
 
 import pytest
+from tests.looping import each
 
 from betterbench_calibration.audit import Verdict, audit_source, paper_tables
 from betterbench_calibration.audit.pooled import Pooled, recover_sizes
@@ -58,8 +59,8 @@ def test_exactly_these_numbers_do_not_hold(audit):
     }
 
 
-@pytest.mark.parametrize(
-    ("table", "rule", "number"),
+@each(
+    "table, rule, number",
     [
         ("coffee_case", "grid", 12),
         ("composition_case", "grid", 9),
@@ -100,8 +101,8 @@ def test_the_sizes_of_the_domains_are_found():
     assert (sizes.parts, sizes.total) == ((439, 295, 183, 404), 1321)
 
 
-@pytest.mark.parametrize(
-    ("row", "counts", "overall"),
+@each(
+    "row, counts, overall",
     [
         ("Gemini-2.5-Pro", (194, 127, 85, 160), "42.85"),
         ("GPT-4o", (208, 118, 82, 144), "41.79"),
@@ -167,8 +168,8 @@ def test_only_the_row_without_parts_stays_open(audit):
     assert rows == {"Mimo-Embodied-7B"}
 
 
-@pytest.mark.parametrize(
-    ("row", "column", "count", "p", "supported"),
+@each(
+    "row, column, count, p, supported",
     [
         ("π0.5", "top", "13/20", 0.26, False),
         ("π0.5", "bottom", "10/20", 1.0, False),

@@ -11,6 +11,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import BetterError
 from betterbench.statistics import round_half_up
@@ -193,8 +194,8 @@ def test_holm_is_taken_over_the_family():
     assert smallest.p_holm == pytest.approx(len(found) * smallest.p_value)
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
+@each(
+    "text, says",
     [
         ("", "is not JSON"),
         ("[" * 100_000, "is not JSON"),

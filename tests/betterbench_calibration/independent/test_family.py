@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from tests.looping import each
 
 import betterbench_calibration.independent
 from betterbench.cli.main import main
@@ -60,7 +61,7 @@ def test_each_half_covers_every_label_that_one_trial_can_end_with():
         assert {h.label for h in part} - {HONEST} == wanted
 
 
-@pytest.mark.parametrize("habit", HABITS, ids=NAMES)
+@each("habit", HABITS)
 def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
     assert habit.summary.endswith(".")
     labels = ("success", "correct_freeze", "correct_refusal") if habit.label == HONEST else (str(habit.label),)
@@ -71,17 +72,18 @@ def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize("habit", HABITS, ids=NAMES)
-def test_the_truth_is_fixed_before_the_first_action(habit, scene_of, monkeypatch):
+@each("habit", HABITS)
+def test_the_truth_is_fixed_before_the_first_action(habit, scene_of):
     where = next(s for s in shown_in(habit.name) if s.faulty)
     scene = scene_of(where.task, where.condition)
     state = scene.reset()
     agent = make_independent(next(a for a, p in INDEPENDENT.items() if p.habit is habit), scene)
     before = agent.ground_truth
     assert before["stated"] == (str(agent.body.ledger.stated.label) or "honest")
-    monkeypatch.setattr(type(habit), "truth", lambda *_: pytest.fail("the truth was asked for again"))
-    for _ in range(3):
-        agent.act_on_state(state)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(habit), "truth", lambda *_: pytest.fail("the truth was asked for again"))
+        for _ in range(3):
+            agent.act_on_state(state)
     after = agent.ground_truth
     assert (after["stated"], after["first_attempt"]) == (before["stated"], before["first_attempt"])
 

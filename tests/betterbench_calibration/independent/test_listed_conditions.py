@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.betterbench_calibration.independent.cases import cases
+from tests.looping import each
 
 from betterbench_calibration.independent import FAMILY_PARTS
 
@@ -15,12 +16,12 @@ OF_FINISHED_STEPS = [h for h in HABITS if hasattr(h, "finished")]
 OF_THINGS_NOT_ASKED_FOR = [h for h in HABITS if hasattr(h, "favorite") or hasattr(h, "follower")]
 
 
-@pytest.mark.parametrize("habit", LISTED, ids=lambda h: h.name)
+@each("habit", LISTED, name=lambda h: h.name)
 def test_the_conditions_it_lists_exist(habit):
     assert habit.where <= set(cases())
 
 
-@pytest.mark.parametrize("habit", PAIRED, ids=lambda h: h.name)
+@each("habit", PAIRED, name=lambda h: h.name)
 def test_a_rule_of_several_trials_is_wrong_only_where_it_says_so(habit):
     for name, thing in habit.wrong.items():
         case = cases()[name]

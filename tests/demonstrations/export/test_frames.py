@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.demonstrations.export.actions import actions_in, commands
 from betterbench.demonstrations.export.frames import DONE, active_subgoals, frame_numbers
@@ -83,7 +84,7 @@ def test_the_active_subgoal_is_that_of_the_segment(demonstrations):
     assert active_subgoals(record) == (DONE,) * record.n_steps  # the gripper never closes
 
 
-@pytest.mark.parametrize("name", sorted(OWN_PRESETS))
+@each("name", sorted(OWN_PRESETS))
 def test_every_preset_has_a_layout(name):
     layout = layout_of(name)
     columns = [*layout.all_images, *(c.name for c in layout.states), layout.action.name]

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.demonstrations.making import production
 from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
@@ -260,7 +261,7 @@ def test_the_scene_of_a_start_is_freed_before_the_one_after_the_next(sources, tm
     assert len(scenes) >= 4
 
 
-@pytest.mark.parametrize("how", ["removed", "moved"])
+@pytest.mark.parametrize("how", others_slow(["removed", "moved"], 2))
 def test_a_set_whose_folder_vanishes_while_it_is_made_is_whole_all_the_same(sources, tmp_path, record_files, how):
     out = tmp_path / "out"
     vanished = []

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tyro
 import yaml
+from tests.looping import each
 
 from betterbench.cli.main import main
 from betterbench.demonstrations.export.layout import layout_of
@@ -52,8 +53,8 @@ def test_golden(framework, recipe, golden):
     golden(f"{framework}_{recipe}.txt", text)
 
 
-@pytest.mark.parametrize(("recipe", "steps"), [("better", 30_000), ("libero", 60_000), ("calvin", 50_000)])
-@pytest.mark.parametrize("gpus", [1, 2, 4, 8])
+@each("recipe, steps", [("better", 30_000), ("libero", 60_000), ("calvin", 50_000)])
+@each("gpus", [1, 2, 4, 8])
 def test_steps_and_batch_of_the_paper(recipe, steps, gpus):
     for framework in FRAMEWORKS:
         setup, _, values = made(framework, recipe, gpus=gpus)
@@ -417,15 +418,15 @@ def test_the_copy_of_the_checkpoint_freezes_the_top_layers(tmp_path):
     assert (tmp_path / "copy/experiment_cfg/metadata.json").read_text() == "{}"
 
 
-@pytest.mark.parametrize(
-    ("frozen", "wanted"),
+@each(
+    "frozen, wanted",
     [
         ((), (False, False, False, False)),
         (("vision",), (False, False, True, False)),
         (("vision", "language"), (True, False, False, True)),
     ],
 )
-@pytest.mark.parametrize("recipe", RECIPES)
+@each("recipe", RECIPES)
 def test_being_h_takes_the_flags(recipe, frozen, wanted):
     _, files, _ = made("being-h", {"extends": recipe, "frozen": {"being-h": frozen}}, data=("/a/one", "/a/two"))
     given = being_h_parser().parse_args(flags(files, "torchrun"))
@@ -477,8 +478,8 @@ def test_being_h_reads_our_columns(tmp_path, monkeypatch):
     assert asked["data_config_name"] == "better"
 
 
-@pytest.mark.parametrize("framework", FRAMEWORKS)
-@pytest.mark.parametrize("recipe", ["better", "libero"])
+@each("framework", FRAMEWORKS)
+@each("recipe", ["better", "libero"])
 def test_the_evaluation_names_a_preset_that_exists(framework, recipe):
     setup, _, _ = made(framework, recipe)
     for line in setup.evaluation.splitlines():
@@ -526,8 +527,8 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         made("lerobot", data=(str(tmp_path / "empty"),))
 
 
-@pytest.mark.parametrize(
-    ("framework", "form", "options", "said"),
+@each(
+    "framework, form, options, said",
     [
         ("openpi", "better", {"gpus": 3}, "a batch of 128 cannot be divided evenly among 3.*: 1, 2, 4, 8"),
         ("openpi", "better", {"gpus": 0}, "--gpus: 0 is out of range"),

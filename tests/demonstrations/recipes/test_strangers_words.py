@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
+from tests.looping import each
 
 from betterbench.cli.main import main
 from betterbench.demonstrations.recipes import recipe_of, setup_files, trainer_setup
@@ -34,7 +36,7 @@ def data_set(folder, framework, *, quality="standard", vectors=("state",), **oth
     info = {"codebase_version": version, "total_frames": 100}
     stats = {name: {"q01": [0.0, 0.0], "q99": [0.0, 1.0]} for name in vectors}
     files = {"betterbench": source, "info": info, "stats": stats}
-    (folder / "meta").mkdir(parents=True)
+    (folder / "meta").mkdir(parents=True, exist_ok=True)
     for name, form in files.items():
         (folder / "meta" / f"{name}.json").write_text(json.dumps(others.get(name, form)), encoding="utf-8")
     return folder
@@ -59,15 +61,15 @@ def run_in_a_box(script: Path, box: Path, programs: Path) -> subprocess.Complete
     return subprocess.run(["/usr/bin/bash", str(script)], check=False, cwd=box, capture_output=True, env=env)
 
 
-@pytest.mark.parametrize("framework", FRAMEWORKS)
-@pytest.mark.parametrize("word", HOSTILE, ids=lambda t: ascii(t[:24]))
+@each("framework", FRAMEWORKS)
+@each("word", HOSTILE, name=lambda t: ascii(t[:24]))
 def test_the_quality_is_one_of_ours(tmp_path, framework, word):
     data = data_set(tmp_path / "demos", framework, quality=word)
     with pytest.raises(InvalidInputError, match="quality"):
         trainer_setup(framework, recipe_of("better"), (str(data),))
 
 
-@pytest.mark.parametrize("framework", FRAMEWORKS)
+@pytest.mark.parametrize("framework", others_slow(FRAMEWORKS, 2))
 def test_commands_run_nothing_that_was_planted(tmp_path, framework):
     recipe = "libero" if framework == "openpi" else "better"
     names = tuple(dict.fromkeys(text[:200] for text in HOSTILE if not set("\ud800\udcff") & set(text)))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.demonstrations.shortcuts.association import association, random_orders, shuffled_inside, strongest_of
 from betterbench.demonstrations.shortcuts.examine import audit_dataset
@@ -90,7 +91,7 @@ def test_nor_has_it_one_in_a_larger_set():
     assert [(g.group, f.question, f.rules) for g in found.groups for f in g.shortcuts] == []
 
 
-@pytest.mark.parametrize("task", TASKS)
+@each("task", TASKS)
 def test_no_sentence_tells_where_its_first_thing_stands_in_the_balanced_recipe(task):
     places = {}
     for condition in balanced_conditions(task):
@@ -127,7 +128,7 @@ def meant(condition, instruction, kinds):
     return tuple(steps)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@each("task", TASKS)
 def test_words_decide_in_balanced_scenes(task):
     conditions = balanced_conditions(task)
     kinds = {c.object(n).kind for c in conditions for g in c.instruction.subgoals for n in c.resolve(g.reference)}
@@ -144,7 +145,7 @@ def taken_kinds(condition):
     return {condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)}
 
 
-@pytest.mark.parametrize("task", TASKS)
+@each("task", TASKS)
 def test_what_training_always_takes_and_a_test_leaves_alone_is_left_alone_in_balanced_conditions(task):
     """That the apple is always packed is a confound too, which a recomposition breaks."""
     always = set.intersection(*(taken_kinds(c) for c in get_task(task).training))
@@ -217,8 +218,8 @@ def test_chance_is_no_finding_and_a_planted_rule_is():
     assert rule.bits == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.MT19937])
-@pytest.mark.parametrize("n", [1, 2, 40, 2048, 2049])
+@each("generator", [np.random.PCG64, np.random.MT19937])
+@each("n", [1, 2, 40, 2048, 2049])
 def test_random_orders_are_those_of_random_numbers(n, generator):
     draw, same = (np.random.Generator(generator(5)) for _ in range(2))
     for rows in (3, 20):
@@ -226,8 +227,8 @@ def test_random_orders_are_those_of_random_numbers(n, generator):
     assert draw.random() == same.random(), "as many numbers are drawn"
 
 
-@pytest.mark.parametrize("generator", [np.random.PCG64, np.random.MT19937])
-@pytest.mark.parametrize(("n", "blocks"), [(1, 1), (40, 1), (40, 2), (300, 7), (2048, 2048), (2048, 90), (2049, 90)])
+@each("generator", [np.random.PCG64, np.random.MT19937])
+@each("n, blocks", [(1, 1), (40, 1), (40, 2), (300, 7), (2048, 2048), (2048, 90), (2049, 90)])
 def test_orders_inside_blocks_are_those_of_random_numbers_and_blocks(n, blocks, generator):
     draw, same = (np.random.Generator(generator(5)) for _ in range(2))
     block = np.random.default_rng(3).integers(0, blocks, n)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import pytest
 from markdown_it import MarkdownIt
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "quoting"))
 from hostile import HOSTILE
@@ -18,7 +18,7 @@ from betterbench.errors import UNPRINTABLE
 PLANTED = [text for text in HOSTILE if text.strip() and "\0" not in text and len(text) < 200]
 
 
-@pytest.mark.parametrize("text", PLANTED, ids=lambda t: ascii(t[:24]))
+@each("text", PLANTED, name=lambda t: ascii(t[:24]))
 def test_names_of_groups_notes_and_findings(text):
     finding = Finding(
         text, text, text, 1.0, 1.0, 0.001, 0.001, 9, "shortcut", (text,), {text: {text: 9}}, separating=((text, text),)

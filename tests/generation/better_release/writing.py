@@ -98,7 +98,7 @@ def write_task(folder: Path, files: dict[str, Any]) -> Path:
     """Writes files; a text is written as it is."""
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        text = content if isinstance(content, str) else yaml.safe_dump(content, sort_keys=False)
+        text = content if isinstance(content, str) else yaml.dump(content, Dumper=yaml.CSafeDumper, sort_keys=False)
         (folder / name).write_text(text)
     return folder
 

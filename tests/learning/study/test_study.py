@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.looping import each
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -421,8 +422,8 @@ def test_a_lever_with_questions_has_them_asked_about_the_sets_of_its_arm(tmp_pat
     assert [call.partition(" ")[0] for call in calls] == ["ask", "ask", "train", "train"]  # to the same two policies
 
 
-@pytest.mark.parametrize("demos", [2, 3, 5, 10, 25, 40])
-@pytest.mark.parametrize("share", [0.001, 0.05, 0.5, 0.7, 0.95, 0.999])
+@each("demos", [2, 3, 5, 10, 25, 40])
+@each("share", [0.001, 0.05, 0.5, 0.7, 0.95, 0.999])
 def test_arms_share_out_all_their_demonstrations_and_doses_are_those_that_were_shown(demos, share):
     arms = {"mixed": {"training": share, "balanced": 1.0 - share}}
     plan = small(arms=arms, demos=demos)
@@ -516,8 +517,8 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
     assert set(seen.values()) == {("state_only", "fast")}
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
+@each(
+    "changes, said",
     [
         ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not add up to 1"),
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.calibration import true_label
 from betterbench.episodes import TrialContext, run_episode
@@ -173,7 +174,7 @@ def test_every_policy_runs_on_every_task(scene, policy, task_id, name):
     true_label(ground_truth, expected=get_task(task_id).variation(name).expected.value, success=record.outcome.success)
 
 
-@pytest.mark.parametrize("policy", ZOO)
+@each("policy", ZOO)
 def test_zoo_policy_says_what_it_does(policy):
     assert EXPERTS[policy].summary.endswith(".")
     assert EXPERTS[policy].address == policy

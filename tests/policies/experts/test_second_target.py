@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.looping import each
 
 from betterbench.interface.actions import JOINT_POSITION, action_space
 from betterbench.policies.decisions import Bring, Freeze, GraspAt, Rest, Situation, Wander
@@ -34,7 +35,7 @@ def start(task: str, condition: str):
     return situation(task, condition), scene.reset(check_premise=False)
 
 
-@pytest.mark.parametrize(("task", "condition"), SUITE)
+@each("task, condition", SUITE)
 def test_the_ten_tasks_recall_the_slots_that_they_always_recalled(task, condition):
     rule, trained = BrokenRule(situation(task, condition)), training_distribution_of(get_task(task))
     for word, slots in trained.word_slots.items():
@@ -89,8 +90,8 @@ def test_a_step_is_absent_if_it_follows_the_last_finished_one_and_its_object_is_
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize(
-    ("rule", "condition", "decision"),
+@each(
+    "rule, condition, decision",
     [
         (Phase, "T7", Wander()),
         (Phase, "T6", Freeze(None)),
@@ -122,7 +123,7 @@ def test_inertia_executes_an_absent_step_once_and_then_rests():
     assert rule.decide(state, (first,)) == Rest()
 
 
-@pytest.mark.parametrize("task", [*suite_tasks("better60"), "cheeseburger_so101", "fruit_basket"])
+@each("task", [*suite_tasks("better60"), "cheeseburger_so101", "fruit_basket"])
 def test_demonstrations_of_the_fruit_basket_alone_are_one_fixed_sequence(task):
     """The other tasks compose their steps in several ways, so that the first step of inertia is blind there."""
     fixed = ("lemon", "mangosteen") if task == "fruit_basket" else None

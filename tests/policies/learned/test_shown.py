@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import rotate
@@ -65,8 +66,8 @@ def test_six_numbers_are_the_turned_axes(numbers):
 EMPTY = {"camera": "front", "window": [0.5, 0, 0.5, 1]}
 
 
-@pytest.mark.parametrize(
-    ("form", "named"),
+@each(
+    "form, named",
     [
         ({}, "data"),
         ({"data": []}, "data"),

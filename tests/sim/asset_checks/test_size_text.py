@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from types import SimpleNamespace
 
-import pytest
+from tests.looping import each
 
 from betterbench.sim.asset_checks import limits
 from betterbench.sim.asset_checks.checks.size import size
@@ -14,8 +14,8 @@ from betterbench.sim.assets.importing.kinds import kinds
 KINDS = [*kinds(), None]
 
 
-@pytest.mark.parametrize("factor", [0.9, 0.9999, 1.0001, 1.1])
-@pytest.mark.parametrize("end", ["low", "high"])
+@each("factor", [0.9, 0.9999, 1.0001, 1.1])
+@each("end", ["low", "high"])
 def test_a_size_outside_the_limits_is_outside_the_printed_limits(end, factor):
     for kind in KINDS:
         low = limits.LEAST_M if kind is None else kind.low_m / limits.SIZE_FACTOR

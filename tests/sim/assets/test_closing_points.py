@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-import pytest
+from tests.looping import each
 
 from betterbench.sim.assets import build_unpainted, categories, looks, unseen_looks
 from betterbench.tasks.judging.picked_slots import closing_points
@@ -14,7 +14,7 @@ def test_every_category_that_can_be_grasped_has_closing_points():
     assert set(closing_points()) == {c for c in categories() if build_unpainted(c).grasps}
 
 
-@pytest.mark.parametrize("category", sorted(closing_points()))
+@each("category", sorted(closing_points()))
 def test_closing_points_are_where_the_preferred_grasps_close(category):
     points = closing_points()[category]
     met = set()

@@ -6,6 +6,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.sim.assets import build, build_unpainted, categories, colors, looks
 from betterbench.sim.assets.procedural import (
@@ -51,7 +52,7 @@ def test_no_two_looks_have_one_mesh(category):
     assert len({shape_of(build_unpainted(category, look=look)) for look in looks(category)}) == len(looks(category))
 
 
-@pytest.mark.parametrize("category", KITCHEN)
+@each("category", KITCHEN)
 def test_mass_and_friction_come_from_the_material(category):
     assets = [build_unpainted(category, look=look) for look in looks(category)]
     for asset in assets:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from tests.looping import each
 
 from betterbench.errors import UnknownNameError
 from betterbench.sim.assets import build, build_unpainted, categories, looks
@@ -59,7 +60,7 @@ def test_looks_differ_in_shape_by_more_than_a_millimeter(category):
         assert max(sizes, apart) > 1e-3, f"looks {one.look} and {other.look}"
 
 
-@pytest.mark.parametrize("category", OFFICE)
+@each("category", OFFICE)
 def test_friction_is_that_of_a_material_and_mass_goes_with_size(category):
     known = {m.friction for m in MATERIALS.values()}
     assets = [build_unpainted(category, look=look) for look in looks(category)]
@@ -78,7 +79,7 @@ def test_every_material_holds_better_than_the_table_and_worse_than_the_pads():
         material("papper")
 
 
-@pytest.mark.parametrize("look", looks("crushed_can"))
+@each("look", looks("crushed_can"))
 def test_a_crushed_can_lies_and_a_full_one_stands(look):
     crushed, full = build_unpainted("crushed_can", look=look), build_unpainted("can", look=look)
     assert full.size_m[2] - crushed.size_m[2] > 0.015
@@ -86,7 +87,7 @@ def test_a_crushed_can_lies_and_a_full_one_stands(look):
     assert crushed.grasps[0].width_m < 0.045, "it is taken at its waist"
 
 
-@pytest.mark.parametrize("look", looks("stapler"))
+@each("look", looks("stapler"))
 def test_a_stapler_has_an_open_steel_mouth_and_the_block_of_its_size_none(look):
     real, fake = (build_unpainted(category, look=look, color="red") for category in ("stapler", "stapler_block"))
     assert real.size_m[:2] == pytest.approx(fake.size_m[:2], rel=0.08)

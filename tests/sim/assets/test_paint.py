@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.sim.assets.authoring import Canvas
 
@@ -16,8 +17,8 @@ def full(canvas: Canvas, values: np.ndarray) -> np.ndarray:
     return np.broadcast_to(values, (canvas.y.size, canvas.x.size)).copy()
 
 
-@pytest.mark.parametrize("strength", [1.0, 0.4])
-@pytest.mark.parametrize(
+@each("strength", [1.0, 0.4])
+@each(
     "mask",
     [
         lambda c: c.y > 0.6,

@@ -11,6 +11,7 @@ import shutil
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from tests.looping import each
 from tests.resealing import rewrite
 from tests.sim.modalities.agreement import (
     Rays,
@@ -227,7 +228,7 @@ def test_views_are_read_from_texts(text, view):
     assert ViewSpec.parse(view.text) == view
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     ["", "front:0", "front:1x2x3", "front:-5", "../x", "a=1,2/3", "a=0,0,0/0,0,0/40", "a=0,0,nan/1,0,0/40", "f:9999"],
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.looping import each
 
 import betterbench
 from betterbench.cli.main import VERBS
@@ -27,7 +28,7 @@ SOURCES = Path(betterbench.__path__[0])
 ADVISING = ("policies", "sim/worlds", "evaluation/planning", "evaluation/trials", "evaluation/preflight")
 OPTIONS = {option.name for kind in KINDS.values() for option in kind.form.options if not option.takes_key}
 SERVERS = [kind.name for kind in KINDS.values() if kind.form.transport is not None]
-EACH_PRESET = pytest.mark.parametrize("preset", PRESETS)
+EACH_PRESET = each("preset", PRESETS)
 
 
 class AcceptedError(Exception):
@@ -120,8 +121,8 @@ def test_a_world_is_not_played_in_another_space():
     assert refusal("libero", "lerobot:some/checkpoint") == ""
 
 
-@pytest.mark.parametrize("preset", presets_in(""))
-@pytest.mark.parametrize("space", ACTION_SPACES)
+@each("preset", presets_in(""))
+@each("space", ACTION_SPACES)
 def test_the_action_space_that_a_client_advises_is_taken(preset, space):
     class Client(AdaptedPolicy):
         adapter = adapter_of(read_address(f"http://h/act?preset={preset}&send.domain_id=3"))

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.looping import each
 from tests.sim.worlds import clients_answers
 
 from betterbench.errors import InvalidInputError
@@ -75,7 +76,7 @@ def rows_for(adapter, count, seed):
     return rows, reply
 
 
-@pytest.mark.parametrize("name", clients_answers.LIBERO)
+@each("name", clients_answers.LIBERO)
 def test_libero_is_given_what_the_client_of_the_field_gives_it(name):
     adapter = spoken_to(name, "libero")
     rows, reply = rows_for(adapter, 40, 3)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.comparison.across import gaps_of, read_suite_runs
 from betterbench.diagnosis import diagnose_run
@@ -48,8 +49,8 @@ def plan_of(command):
     return plan
 
 
-@pytest.mark.parametrize(
-    ("ending", "axis", "condition", "file"),
+@each(
+    "ending, axis, condition, file",
     [
         ("_view_0_0_100_2_352_initstate_0", "camera", "camera_0_0_100_2_352", ""),
         ("_view_43_15_180_0_0_initstate_0", "camera", "camera_43_15_180_0_0", ""),
@@ -64,7 +65,7 @@ def plan_of(command):
         ("_moved_level1_sample4", "layout", "layout_level1_sample4", "_moved_level1_sample4"),
     ],
 )
-@pytest.mark.parametrize("base", ["pick_up_the_bowl_from_table_center", "KITCHEN_SCENE3_turn_on_the_stove"])
+@each("base", ["pick_up_the_bowl_from_table_center", "KITCHEN_SCENE3_turn_on_the_stove"])
 def test_a_name_says_what_is_changed(base, ending, axis, condition, file):
     variant = read_variant(base + ending)
     assert (variant.base, variant.axis, variant.condition) == (base, axis, condition)

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import sealed_lines
@@ -59,8 +60,8 @@ ENTRY = {
 }
 
 
-@pytest.mark.parametrize("field", ENTRY)
-@pytest.mark.parametrize("value", [None, True, 1.5, -1, 10**400, "x", [], [[]], {"a": 5}, {"a": ["x"]}, ...])
+@each("field", ENTRY)
+@each("value", [None, True, 1.5, -1, 10**400, "x", [], [[]], {"a": 5}, {"a": ["x"]}, ...])
 def test_a_damaged_file_is_refused_with_a_cure(tmp_path, field, value):
     file = tmp_path / "p.jsonl"
     entry = {k: v for k, v in ENTRY.items() if k != field} if value is ... else {**ENTRY, field: value}

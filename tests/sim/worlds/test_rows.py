@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.sim.worlds.rows import MAX_NUMBERS, RowForm, form_of, row_of
 
@@ -26,7 +27,7 @@ def test_it_is_said_which_arrays_hold_what_is_no_number():
     assert not RowForm(form_of(ARRAYS)).not_finite(row_of(ARRAYS))
 
 
-@pytest.mark.parametrize(
+@each(
     "form",
     [
         None,

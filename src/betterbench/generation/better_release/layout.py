@@ -257,26 +257,28 @@ def _half_extents(match: Match, yaw: float) -> tuple[float, float]:
 
 def _separated(clusters: list[_Cluster]) -> tuple[np.ndarray, tuple[tuple[str, str, float], ...]]:
     """Move the slots apart. Return the positions (n, 2) [m], and the pairs of slots that still overlap."""
-    wished = np.array([(c.x, c.y) for c in clusters]).reshape(-1, 2)
-    places = wished.copy()
-    pairs = _together(clusters)
+    wished = [(float(c.x), float(c.y)) for c in clusters]
+    places = [[x, y] for x, y in wished]
+    pairs = [_Pair.of(clusters[i], clusters[j], places[i], places[j]) for i, j in _together(clusters)]
     rounds = min(_ROUNDS, 30 + _MOST_STEPS // max(1, len(pairs)))
     for number in range(rounds):
         # After this round, slots are only pushed apart.
         if number < 2 * rounds // 3:
-            places += 0.05 * (wished - places)
-        for i, j in pairs:
-            _push_apart(places, wished, clusters, i, j)
-            _keep_order(places, wished, i, j)
-        for i, c in enumerate(clusters):
-            places[i] = _inside(c, *places[i])
+            for place, (x, y) in zip(places, wished, strict=True):
+                place[0] += 0.05 * (x - place[0])
+                place[1] += 0.05 * (y - place[1])
+        for pair in pairs:
+            pair.push_apart()
+            pair.keep_order()
+        for place, c in zip(places, clusters, strict=True):
+            place[:] = _inside(c, *place)
     crowded = []
-    for i, j in pairs:
-        missing = min(_overlaps(places, clusters, i, j)) - _gap_m(clusters[i], clusters[j])
+    for pair in pairs:
+        missing = min(pair.overlaps()) - _gap_m(pair.a, pair.b)
         # The objects overlap, and not only the clearances around them.
         if missing > _ROUNDING_M:
-            crowded.append((clusters[i].name, clusters[j].name, round(missing, 4)))
-    return places, tuple(crowded)
+            crowded.append((pair.a.name, pair.b.name, round(missing, 4)))
+    return np.array(places).reshape(-1, 2), tuple(crowded)
 
 
 def _free_yaw(
@@ -299,42 +301,73 @@ def _together(clusters: list[_Cluster]) -> list[tuple[int, int]]:
     return [(i, j) for i in range(len(clusters)) for j in range(i + 1, len(clusters)) if scenes[i] & scenes[j]]
 
 
-def _overlaps(places: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> tuple[float, float]:
-    """Return the additional clearance that two slots need along x and y [m].
-
-    Negative values mean that the clearance is large enough.
-    """
-    a, b = clusters[i], clusters[j]
-    apart, gap = np.abs(places[i] - places[j]), _gap_m(a, b)
-    return a.half_x + b.half_x + gap - float(apart[0]), a.half_y + b.half_y + gap - float(apart[1])
-
-
 def _gap_m(a: _Cluster, b: _Cluster) -> float:
     return GAP_M if a.is_target == b.is_target else TARGET_GAP_M
 
 
-def _push_apart(places: np.ndarray, wished: np.ndarray, clusters: list[_Cluster], i: int, j: int) -> None:
-    lacks = _overlaps(places, clusters, i, j)
-    if min(lacks) <= 0.0:
-        return
-    axis = int(lacks[1] <= lacks[0])
-    toward = 1.0 if wished[i, axis] >= wished[j, axis] else -1.0
-    # a target is moved less than the objects around it
-    share = 0.5 if clusters[i].is_target == clusters[j].is_target else 0.1 if clusters[i].is_target else 0.9
-    places[i, axis] += toward * share * lacks[axis]
-    places[j, axis] -= toward * (1.0 - share) * lacks[axis]
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Two slots that occur together in a scene.
 
+    Attributes:
+        a: First slot.
+        b: Second slot.
+        at: Position of the first slot [m], which is changed in place.
+        other: Position of the second slot [m], which is changed in place.
+        needed: Minimum distance of the slots [m], along x and along y. One of the two is enough.
+        toward: Direction from the second to the first slot in the requested layout, along x and y: 1 or -1.
+        ordered: Axes along which the slots must keep their order, each with the direction in ``toward``.
+        share: Part of a push that moves the first slot. A target is moved less than the objects around it.
+    """
 
-def _keep_order(places: np.ndarray, wished: np.ndarray, i: int, j: int) -> None:
-    for axis in (0, 1):
-        apart = wished[i, axis] - wished[j, axis]
-        if abs(apart) <= _ORDERED_M:
-            continue
-        toward = math.copysign(1.0, apart)
-        lack = _KEPT_M - toward * (places[i, axis] - places[j, axis])
-        if lack > 0.0:
-            places[i, axis] += 0.5 * toward * lack
-            places[j, axis] -= 0.5 * toward * lack
+    a: _Cluster
+    b: _Cluster
+    at: list[float]
+    other: list[float]
+    needed: tuple[float, float]
+    toward: tuple[float, float]
+    ordered: tuple[tuple[int, float], ...]
+    share: float
+
+    @classmethod
+    def of(cls, a: _Cluster, b: _Cluster, at: list[float], other: list[float]) -> _Pair:
+        """Create the pair of two slots at their requested positions."""
+        gap = _gap_m(a, b)
+        apart = (a.x - b.x, a.y - b.y)
+        return cls(
+            a=a,
+            b=b,
+            at=at,
+            other=other,
+            needed=(a.half_x + b.half_x + gap, a.half_y + b.half_y + gap),
+            toward=(1.0 if a.x >= b.x else -1.0, 1.0 if a.y >= b.y else -1.0),
+            ordered=tuple((i, math.copysign(1.0, d)) for i, d in enumerate(apart) if abs(d) > _ORDERED_M),
+            share=0.5 if a.is_target == b.is_target else 0.1 if a.is_target else 0.9,
+        )
+
+    def overlaps(self) -> tuple[float, float]:
+        """Return the additional clearance that the slots need along x and y [m].
+
+        Negative values mean that the clearance is large enough.
+        """
+        at, other, needed = self.at, self.other, self.needed
+        return needed[0] - abs(at[0] - other[0]), needed[1] - abs(at[1] - other[1])
+
+    def push_apart(self) -> None:
+        x, y = self.overlaps()
+        if x <= 0.0 or y <= 0.0:
+            return
+        axis, lack = (1, y) if y <= x else (0, x)
+        toward = self.toward[axis]
+        self.at[axis] += toward * self.share * lack
+        self.other[axis] -= toward * (1.0 - self.share) * lack
+
+    def keep_order(self) -> None:
+        for axis, toward in self.ordered:
+            lack = _KEPT_M - toward * (self.at[axis] - self.other[axis])
+            if lack > 0.0:
+                self.at[axis] += 0.5 * toward * lack
+                self.other[axis] -= 0.5 * toward * lack
 
 
 def _inside(cluster: _Cluster, x: float, y: float) -> tuple[float, float]:

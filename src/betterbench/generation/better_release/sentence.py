@@ -93,11 +93,18 @@ class Lexicon:
         self._nouns = {name: nouns_of(i, task.names.get(name, "")) for name, i in task.instances.items()}
         self._colors = {name: frozenset(_words_about(i)) & COLORS for name, i in task.instances.items()}
         self._phrases: dict[Noun, tuple[tuple[str, ...], bool]] = {}
-        classes = {name: {c for noun in nouns for c in classes_of(noun)} for name, nouns in self._nouns.items()}
+        own: dict[Noun, dict[str, None]] = {}
+        contained: dict[Noun, dict[str, None]] = {}
+        for name, nouns in self._nouns.items():
+            for noun in nouns:
+                own.setdefault(noun, {})[name] = None
+                for broader in classes_of(noun):
+                    contained.setdefault(broader, {})[name] = None
         for phrase in self._known_phrases():
-            own = tuple(name for name, nouns in self._nouns.items() if phrase in nouns)
-            contained = tuple(name for name, found in classes.items() if phrase in found)
-            self._phrases[phrase] = (own, False) if own or not contained else (contained, True)
+            if phrase in own:
+                self._phrases[phrase] = tuple(own[phrase]), False
+            else:
+                self._phrases[phrase] = tuple(contained.get(phrase, ())), phrase in contained
 
     def noun(self, name: str) -> str:
         """Return the usual noun of an object ("juice box")."""
@@ -176,6 +183,7 @@ class Lexicon:
         return Named(" ".join(phrase), of_color or objects, every, is_class, target)
 
 
+@functools.cache
 @functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
     """Return the sorted classes of a noun according to the word list ("fruit" for "banana")."""

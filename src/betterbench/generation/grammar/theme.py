@@ -111,13 +111,17 @@ class Theme:
             return known[key]
 
         def extended(before: Choice, rest: list[str]) -> Iterator[Choice]:
-            if not rest:
-                yield before
-                return
-            for kinds in of_group(rest[0], before):
-                yield from extended({**before, rest[0]: kinds}, rest[1:])
+            name, *later = rest
+            for kinds in of_group(name, before):
+                if later:
+                    yield from extended({**before, name: kinds}, later)
+                else:
+                    yield {**before, name: kinds}
 
-        yield from extended({}, list(self.groups))
+        if self.groups:
+            yield from extended({}, list(self.groups))
+        else:
+            yield {}
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.looping import each
 
 from betterbench.sim.assets.catalogue.expansion import understood
 from betterbench.sim.assets.catalogue.hypernyms import attribute_list, hypernym_list, kind_named, members_named
@@ -21,8 +22,8 @@ def test_each_broader_word_and_attribute_is_listed_once(mark, least):
     assert mark == ">" or not {("dutch",), ("wooden",)} & set(hypernym_list())
 
 
-@pytest.mark.parametrize(
-    ("query", "member", "other"),
+@each(
+    "query, member, other",
     [
         ("vegetables", "carrot", "skewer"),
         ("fresh greens for a soup", "lettuce", "soup"),
@@ -50,7 +51,7 @@ def test_a_broader_word_that_names_the_object_includes_its_members(query, member
     assert number_of(other) not in found
 
 
-@pytest.mark.parametrize(
+@each(
     "query",
     [
         "",
@@ -69,8 +70,8 @@ def test_other_descriptions_have_no_broader_word(query):
     assert members_named(query) == frozenset()
 
 
-@pytest.mark.parametrize(
-    ("query", "kind"),
+@each(
+    "query, kind",
     [
         ("small plate under a cup", "plate"),
         ("hot dog topped with mustard", "hot dog"),
@@ -119,8 +120,8 @@ def test_the_words_of_a_request_are_left_out(query, text):
     assert understood(query).text == text
 
 
-@pytest.mark.parametrize(
-    ("query", "is_use", "role"),
+@each(
+    "query, is_use, role",
     [
         ("thing to eat soup with", True, "tool"),
         ("you cut bread with it", True, "tool"),
@@ -141,8 +142,8 @@ def test_a_query_may_say_only_what_the_object_is_for(query, is_use, role):
     assert (found.is_use, found.role) == (is_use, role)
 
 
-@pytest.mark.parametrize(
-    ("query", "text"),
+@each(
+    "query, text",
     [
         ("cutery", "cutlery"),
         ("a red keybord", "a red keyboard"),

@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.looping import each
 
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
 from betterbench.sim.assets.catalogue.expansion import COLORS, understood, variety_list
@@ -51,8 +52,8 @@ def test_each_kind_has_its_own_names_and_descriptions_without_negations():
         assert not NEGATIONS & {word for text in kind.descriptions for word in terms(text)}, kind
 
 
-@pytest.mark.parametrize(
-    ("name", "category", "kind"),
+@each(
+    "name, category, kind",
     [
         ("coffee mug", "", "mug"),
         ("apple pie", "", "pie"),

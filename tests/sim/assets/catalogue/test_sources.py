@@ -8,6 +8,7 @@ import json
 import struct
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.sim.assets.catalogue.sources import SOURCES, SourceOptions, open_source
@@ -47,8 +48,8 @@ def rows(source):
     return found, skipped
 
 
-@pytest.mark.parametrize(
-    ("said", "name", "kind"),
+@each(
+    "said, name, kind",
     [
         ("by", "CC-BY-4.0", "free"),
         ("by-sa", "CC-BY-SA-4.0", "free"),

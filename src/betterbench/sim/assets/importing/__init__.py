@@ -15,6 +15,13 @@
 - ``registration``: register a mesh as a category that tasks can name.
 """
 
-from betterbench.sim.assets.importing.registration import imported
+from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 __all__ = ["imported"]
+
+if TYPE_CHECKING:
+    from betterbench.sim.assets.importing.registration import imported
+else:
+    __getattr__ = lazy_names(__name__, {"registration": ["imported"]})
