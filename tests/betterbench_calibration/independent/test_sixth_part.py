@@ -156,7 +156,8 @@ def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, pol
     ],
 )
 def test_a_habit_rests_for_3_s_only_where_it_says_so(play, policy, task, condition, rests):
-    poses = [play(policy, task, condition, 1, most).agent.body.state.ee_pose for most in (330, 353, 376, 393)]
+    played = play(policy, task, condition, 1, 393)
+    poses = [played.tool(most) for most in (330, 353, 376, 393)]
     turned = max(distance(poses[0].apply((0.0, 0.0, -0.1)), p.apply((0.0, 0.0, -0.1))) for p in poses)
     moved = max(distance(poses[0].position, p.position) for p in poses)
     assert (max(turned, moved) < 0.005) is rests

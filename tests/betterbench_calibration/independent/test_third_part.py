@@ -69,8 +69,7 @@ def test_a_habit_that_attempts_nothing_rests_for_3_s_only_where_it_says_so(play,
     body = played.agent.body
     assert (body.arm.log.closings, body.arm.log.first_touch) == ([], {})
     assert played.stated["first_attempt"] == "none"
-    before = play(policy, task, condition, 1, 130).agent.body.state.ee_pose.position
-    assert (distance(before, body.state.ee_pose.position) < 0.005) is rests
+    assert (distance(played.tool(130).position, played.tool(190).position) < 0.005) is rests
 
 
 @pytest.mark.parametrize(
