@@ -1,7 +1,7 @@
 """Run pytest, and with ``--again`` run the tests that failed a second time.
 
-Usage: ``python tools/run_tests.py [--again] [arguments of pytest]``. Tests with timeouts, and tests that kill processes,
-may fail on a busy machine. When the other tests have ended, the machine is less busy.
+Usage: ``python tools/run_tests.py [--again] [arguments of pytest]``. Tests with timeouts, and tests that kill
+processes, may fail on a busy machine. When the other tests have ended, the machine is less busy.
 
 The plug-in pytest-rerunfailures is not used: with several processes it asks a server about every test, and each
 answer takes about 20 ms.
