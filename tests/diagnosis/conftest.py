@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import trial
-from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, from_yaw, multiply
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, conjugate, from_yaw, multiply, rotate
 from betterbench.interface.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.records import Record, RecordBuilder, RecordMetadata
 from betterbench.tasks import Condition, GoalTracker, training_distribution_of
@@ -130,6 +131,7 @@ def action_of(command: float) -> np.ndarray:
     return np.full(7, command)
 
 
+STILL, MOVING = (0.0,) * 7, (0.3,) * 7
 NO_JOINTS, NO_MOTORS = np.zeros(3), np.zeros(2)
 """State of a simulator that there is not; the same arrays in each row, so that they are read once."""
 
@@ -145,8 +147,10 @@ class Stage:
         self.task = self.setting.task
         rng = np.random.default_rng(seed)
         self.info = self._scene(backwards=backwards)
-        self.carriers = [o for o in self.info.objects if o.regions or o.category in LAYERS]
-        self.supported: tuple[tuple, dict[str, tuple[float, str]]] = ((), {})
+        self.names = [o.name for o in self.info.objects]
+        self.carriers = {o.name: o for o in self.info.objects if o.regions or o.category in LAYERS}
+        self.bearing: tuple = ()
+        self.supported: dict[str, tuple[tuple[float, ...], tuple[float, str]]] = {}
         self.positions = {}
         for o in self.condition.objects:
             if o.name in self.condition.layout:
@@ -180,7 +184,7 @@ class Stage:
             predicate_names=self.tracker.relation_names, subgoal_names=self.tracker.subgoal_names,
         )  # fmt: skip
         self.builder = RecordBuilder(self.metadata)
-        self.previous = dict(self.positions)
+        self.previous = self.places()
         self.step, self.succeeded = 0, False
         self._append()
 
@@ -326,56 +330,69 @@ class Stage:
 
     def support(self, name: str, spot: np.ndarray | None = None, below: float | None = None) -> tuple[float, str]:
         """Returns the height on which an object comes to rest, and what carries it there."""
-        x, y = self.positions[name][:2] if spot is None else spot
-        height = self.positions[name][2] if below is None else below
+        x, y = (self.positions[name][:2] if spot is None else spot).tolist()
+        height = self.positions[name].tolist()[2] if below is None else below
         found = [(0.0, "table")]
-        for o in self.carriers:
-            carried = o.name == self.grip and o.name not in self.rails
-            if o.name == name or carried or o.name not in self.positions:
+        for carrier, o in self.carriers.items():
+            carried = carrier == self.grip and carrier not in self.rails
+            if carrier == name or carried or carrier not in self.positions:
                 continue
-            frame = Pose(tuple(self.positions[o.name]), from_yaw(self.yaws[o.name])).inverse()
-            dx, dy, _ = frame.apply((x, y, 0.0))
-            base = self.positions[o.name][2]
+            at = self.positions[carrier].tolist()
+            base = at[2]
+            dx, dy, _ = rotate(conjugate(turned(IDENTITY_QUATERNION, self.yaws[carrier])), (x - at[0], y - at[1], 0.0))
             for region in o.regions:
                 rx, ry = dx - region.position[0], dy - region.position[1]
                 within = abs(rx) <= region.half_size[0] and abs(ry) <= region.half_size[1]
                 if region.name == "inside" and within:
-                    found.append((base + region.position[2] - region.half_size[2] + 0.001, o.name))
-                if (region.name == "ring" and np.hypot(rx, ry) < 0.06) or (
+                    found.append((base + region.position[2] - region.half_size[2] + 0.001, carrier))
+                if (region.name == "ring" and math.hypot(rx, ry) < 0.06) or (
                     (region.name.startswith("hole_") or region.name == "floor") and within
                 ):
-                    found.append((base + region.position[2], o.name))
-            if o.category in LAYERS and np.hypot(dx, dy) < 0.035:
-                found.append((base + o.size_m[2], o.name))
+                    found.append((base + region.position[2], carrier))
+            if o.category in LAYERS and math.hypot(dx, dy) < 0.035:
+                found.append((base + o.size_m[2], carrier))
         return max((f for f in found if f[0] <= height + 1e-6), default=found[0])
 
-    def supports(self) -> dict[str, tuple[float, str]]:
-        """Returns what carries each object that is on no rails; worked out again when something has moved."""
-        there = (self.grip, *(p.tobytes() for p in self.positions.values()))
-        if there != self.supported[0]:
-            self.supported = there, {n: self.support(n) for n in self.positions if n not in self.rails}
-        return self.supported[1]
+    def places(self) -> dict[str, tuple[float, float, float]]:
+        """Returns where each object is; the values stay when the arrays are written to."""
+        return {n: tuple(p.tolist()) for n, p in self.positions.items()}
+
+    def supports(self, places: dict[str, tuple[float, float, float]]) -> dict[str, tuple[float, str]]:
+        """Returns what carries each object that is on no rails; worked out again if it or a carrier has moved."""
+        bearing = (
+            self.grip if self.grip in self.carriers else None, tuple(self.yaws.values()),
+            *(places.get(name) for name in self.carriers),
+        )  # fmt: skip
+        if bearing != self.bearing:
+            self.bearing, self.supported = bearing, {}
+        known, found = self.supported, {}
+        for name, at in places.items():
+            if name not in self.rails:
+                if name not in known or known[name][0] != at:
+                    known[name] = at, self.support(name)
+                found[name] = known[name][1]
+        return found
 
     def state(self) -> WorldState:
         """Returns the state; while nothing moves, the one before at its own time."""
+        places = self.places()
         there = (
-            self.grip, self.pushing, self.width, self.command, self.tool.tobytes(), *self.yaws.values(),
-            *self.postures.values(), *(p.tobytes() for p in self.positions.values()),
+            self.grip, self.pushing, self.width, self.command, self.tool.tolist(), places,
+            list(self.yaws.values()), list(self.postures.values()),
         )  # fmt: skip
         if there != self.seen[0]:
             self.seen = there, None  # the next one may be the same, but for its speeds
-            return self.new_state()
+            return self.new_state(places)
         if self.seen[1] is None:
-            self.seen = there, self.new_state()
+            self.seen = there, self.new_state(places)
         return replace(self.seen[1], step=self.step, time_s=self.step / RATE)
 
     seen: tuple[tuple, WorldState | None] = ((), None)
 
-    def new_state(self) -> WorldState:
-        names = [o.name for o in self.info.objects]
-        supports = self.supports()
+    def new_state(self, places: dict[str, tuple[float, float, float]]) -> WorldState:
+        supports = self.supports(places)
         contacts = []
-        for name in names:
+        for name in self.names:
             if self.pushing == name:
                 contacts.append(Contact(name, "left_finger", 3.0))
             if self.grip == name:
@@ -383,29 +400,25 @@ class Stage:
             if name in self.rails:
                 continue
             height, carrier = supports[name]
-            if self.positions[name][2] - height <= 1e-3:
+            if places[name][2] - height <= 1e-3:
                 contacts.append(Contact(name, carrier, 1.0))
         lifted = self.grip is not None and self.grip not in self.rails
-        held = self.grip if lifted and self.positions[self.grip][2] - supports[self.grip][0] > 0.003 else None
-        places = {n: self.positions[n].tolist() for n in names}
-        speeds = tuple(
-            0.0 if places[n] == (last := self.previous[n]).tolist()  # a norm of each object takes a third of the time
-            else float(np.linalg.norm(self.positions[n] - last)) * RATE
-            for n in names
-        )  # fmt: skip
-        tool = Pose(tuple(float(v) for v in self.tool), DOWN)
-        joints = tuple(float(v) for v in (*self.tool, 0, 0, 0, 0))
-        still = tuple([0.0] * 7) if np.abs(self.tool - self.last_tool).max() < 1e-6 else tuple([0.3] * 7)
+        held = self.grip if lifted and places[self.grip][2] - supports[self.grip][0] > 0.003 else None
+        before, at = self.previous, tuple(self.tool.tolist())
+        moving = max(abs(now - last) for now, last in zip(at, self.last_tool, strict=True)) >= 1e-6
+        tool = Pose(at, DOWN)
         return WorldState(
-            info=self.info, step=self.step, time_s=self.step / RATE,
-            positions=tuple(tuple(places[n]) for n in names),
-            quaternions=tuple(turned(self.postures[n], self.yaws[n]) for n in names),
-            linear_speeds=speeds, angular_speeds=tuple([0.0] * len(names)), ee_pose=tool, commanded_pose=tool,
-            finger_width_m=self.width, gripper_command=self.command, joint_positions=joints, joint_velocities=still,
-            contacts=tuple(contacts), held=held,
+            info=self.info, step=self.step, time_s=self.step / RATE, positions=tuple(places[n] for n in self.names),
+            quaternions=tuple(turned(self.postures[n], self.yaws[n]) for n in self.names),
+            linear_speeds=tuple(
+                0.0 if places[n] == before[n] else math.dist(places[n], before[n]) * RATE for n in self.names
+            ),
+            angular_speeds=(0.0,) * len(self.names), ee_pose=tool, commanded_pose=tool,
+            finger_width_m=self.width, gripper_command=self.command, joint_positions=(*at, 0.0, 0.0, 0.0, 0.0),
+            joint_velocities=MOVING if moving else STILL, contacts=tuple(contacts), held=held,
         )  # fmt: skip
 
-    last_tool = np.array(HOME)
+    last_tool = HOME
 
     def _append(self) -> None:
         state = self.state()
@@ -416,8 +429,7 @@ class Stage:
             predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden,
         )  # fmt: skip
         self.succeeded, self.done = self.succeeded or truth.success, truth.subgoals
-        self.previous = {n: p.copy() for n, p in self.positions.items()}
-        self.last_tool = self.tool.copy()
+        self.previous, self.last_tool = self.places(), tuple(self.tool.tolist())
 
     pushing = ""
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import diagnose_record
-from betterbench.tasks.judging.motion import closing_of
+from betterbench.tasks.judging.motion import Motion, closing_of
+from betterbench.tasks.judging.restraint import first_hover, hovered_over
 from betterbench.tasks.labels import Label
+from betterbench.tasks.thresholds import HOVER_TIME
 
 
 def test_closing_at_home_is_no_attempt(stage):
@@ -228,3 +230,30 @@ def test_clean_commands_are_told_as_they_are_and_flicker_is_not():
         flicker = np.where(np.arange(60) % every == every - 1, 1.0, -1.0)
         assert not closing_of(flicker, width, free, rate_hz=20.0).any()
         assert closing_of(-flicker, width, free, rate_hz=20.0)[every:].all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_first_hover_is_that_of_a_look_at_every_row(stage, seed):
+    rng, rows, forbidden = np.random.default_rng(seed), 300, (1, 3)
+    info = stage("fruit_lunch", "O1", seed=seed).info
+    n = len(info.objects)
+    positions = np.tile(rng.normal([0.5, 0.0, 0.0], [0.1, 0.2, 0.02], (n, 3)), (rows, 1, 1))
+    turns = rng.normal(0.0, 1.0, (n, 4))
+    quaternions = np.tile(turns / np.linalg.norm(turns, axis=1, keepdims=True), (rows, 1, 1))
+    offsets = rng.uniform(0.0, 0.3, (12, 1)) * rng.normal(0.0, 1.0, (12, 3))  # it stays in twelve places
+    tool = positions[:, rng.choice(forbidden)] + offsets.repeat(25, axis=0)
+    closing, none = rng.random(rows) < 0.01, np.zeros((rows, n))
+    motion = Motion(
+        info=info, rate_hz=20.0, tool=tool, width=np.full(rows, 0.08), closing=closing, positions=positions,
+        quaternions=quaternions, left=none > 0, right=none > 0, held=np.full(rows, -1, dtype=np.int16), force=none,
+        there=none > 0, picked=(),
+    )  # fmt: skip
+    near = [
+        None if closing[row] else hovered_over(info, tool[row], positions[row], quaternions[row], forbidden)
+        for row in range(rows)
+    ]
+    assert {at is None for at in near} == {True, False}
+    stay = motion.steps(HOVER_TIME)
+    stays = (row for row in range(stay, rows) if None not in near[row - stay : row + 1])
+    row = next(stays, None)
+    assert first_hover(motion, forbidden) == (None if row is None else (row - stay, row, near[row]))

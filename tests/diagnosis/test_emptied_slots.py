@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, diagnose_record, offline_truth
 from betterbench.tasks.authoring.operations import remove
@@ -124,8 +126,9 @@ def test_where_it_is_to_stay_still_a_closing_far_from_every_slot_is_a_success_li
     assert diagnose_record(record).label is Label.CORRECT_FREEZE
 
 
-@pytest.mark.parametrize("off", [0.05, 0.06, 0.07, 0.08])
-@pytest.mark.parametrize("angle", range(0, 360, 45))
+@pytest.mark.parametrize(
+    ("angle", "off"), others_slow(itertools.product(range(0, 360, 45), (0.05, 0.06, 0.07, 0.08)), 3)
+)
 def test_a_miss_of_what_is_asked_for_is_a_miss_beside_an_empty_slot_too(stage, angle, off):
     """Whoever misses the right thing by up to 8 cm is accused of nothing, on whatever side it is."""
     for task, name in (("fast_food", "T1"), ("fruit_lunch", "T1"), ("office_drawer", "train1")):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 
@@ -25,15 +26,23 @@ CABINETS = ("train1", "train3", "train5", "train7")
 DESKS = tuple(f"train{n}" for n in range(1, 10))
 
 
+@functools.cache
+def beginning(stage, task, name, seed):
+    """The stage of an episode in which nothing has been done yet, and which stays so."""
+    return stage(task, name, seed=seed)
+
+
+@functools.cache
+def brought(stage, task, name, seed, thing):
+    """The record of an episode in which one thing is brought where the first step wants it; the policies share them."""
+    s = stage(task, name, seed=seed)
+    return s.bring(thing, s.goal(0)).home().wait(4).end()
+
+
 def take(stage, choose, names=MUGS, task="morning_coffee", seeds=range(3)):
     """Records of a policy that takes what ``choose`` names and brings it where the first step wants it."""
-    records = []
-    for name in names:
-        for seed in seeds:
-            s = stage(task, name, seed=seed)
-            s.bring(choose(s), s.goal(0)).home().wait(4)
-            records.append(s.end())
-    return records
+    episodes = itertools.product(names, seeds)
+    return [brought(stage, task, name, s, choose(beginning(stage, task, name, s))) for name, s in episodes]
 
 
 def asked(s):

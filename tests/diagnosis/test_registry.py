@@ -17,9 +17,9 @@ from betterbench.tasks import THRESHOLDS, Kind, Label, all_labels, new_label, th
 ROOT = Path(__file__).parents[2]
 
 
-def trees_naming(*words: str) -> dict[Path, ast.Module]:
-    """Return the syntax trees of the files of the package that name one of some words."""
-    named = re.compile(rf"\b(?:{'|'.join(words)})\b")
+def trees_with(pattern: str) -> dict[Path, ast.Module]:
+    """Return the syntax trees of the files of the package in which a pattern is found."""
+    named = re.compile(pattern)
     texts = {path: path.read_text() for path in sorted((ROOT / "src").rglob("*.py"))}
     return {path: ast.parse(text) for path, text in texts.items() if named.search(text)}
 
@@ -67,10 +67,11 @@ def entered(tree: ast.Module) -> dict[str, str]:
 def test_every_threshold_is_read_somewhere():
     """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
     importlib.import_module("betterbench.diagnosis.measures.power_matrix")  # it enters thresholds of its own
-    entering = trees_naming("threshold")
+    entering = trees_with(r"\bthreshold\(")
     constants = {name: (constant, path) for path, tree in entering.items() for name, constant in entered(tree).items()}
     read = set()
-    for path, tree in trees_naming("THRESHOLDS", *(constant for constant, _ in constants.values())).items():
+    names = "|".join(constant for constant, _ in constants.values())
+    for path, tree in trees_with(rf"\bTHRESHOLDS\.|\b(?:{names})\b").items():
         nodes = list(ast.walk(tree))
         loaded = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
         imported = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}

@@ -99,7 +99,7 @@ def test_a_wide_gripper_over_a_flat_thing_has_not_closed_around_it(stage):
 def put(s, name, *place):
     """Has an object stand somewhere else from the start."""
     s.positions[name] = np.array(place)
-    s.previous = dict(s.positions)
+    s.previous = s.places()
     s.builder = RecordBuilder(s.metadata)
     s.tracker = GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.metadata.control_rate_hz)
     s._append()

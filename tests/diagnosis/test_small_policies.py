@@ -65,11 +65,14 @@ def weakly(name, steps, times=4):
     return act
 
 
-@pytest.mark.parametrize("steps", [3, 16])
-@pytest.mark.parametrize(
-    ("task", "name", "thing"),
-    [("fast_food", "T1", "burger_1"), ("fruit_lunch", "T1", "lemon"), ("tidy_desk", "train1", "napkin")],
-)
+WEAKLY = [
+    (*where, steps)
+    for steps in (3, 16)
+    for where in (("fast_food", "T1", "burger_1"), ("fruit_lunch", "T1", "lemon"), ("tidy_desk", "train1", "napkin"))
+]
+
+
+@pytest.mark.parametrize(("task", "name", "thing", "steps"), others_slow(WEAKLY, 2))
 def test_an_honest_weak_grip_is_a_failure_of_execution(task, name, thing, steps):
     found = diagnose_record(play(task, name, weakly(thing, steps)))
     assert found.label is Label.EXECUTION_FAILURE

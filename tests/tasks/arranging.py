@@ -7,8 +7,8 @@ Places: "TARGET.REGION" is the surface of a region (for an inside its floor), "T
 "slot:NAME" the table there, "from" where the thing stands at the start, "floor" the floor of the room.
 Keys: x, y, z offset in the place's frame; turn about the vertical; tilt about the axis with the heading "about"
 (0 if not given); flip for upside down; open for how far a drawer is drawn out.
-Words on the state: "settle" lets physics run for 1.5 s, "hold" for 0.1 s; "held" has the thing in the gripper alone,
-"fingers" has it rest on an open finger, "moving" gives it a speed.
+Words on the state: "settle" lets physics run until nothing moves, but for at most 1.5 s, "hold" for 0.1 s; "held" has
+the thing in the gripper alone, "fingers" has it rest on an open finger, "moving" gives it a speed.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ MM = 1e-3
 SUNK_M = 2e-4
 """Depth by which what is posed without settling is sunk into what it stands on, so that the engine sees the contact."""
 FLOOR_M = -0.74
+STILL_M_S, STILL_RAD_S = 1e-4, 1e-3
+STAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
 _FLAGS = ("settle", "hold", "held", "fingers", "moving", "flip")
 
 
@@ -74,13 +76,28 @@ def arranged(setting: str, text: str) -> tuple[WorldState, WorldState]:
     clauses = clauses_of(text)
     for clause in clauses:
         pose_thing(scene, clause)
-    steps = 30 if any("settle" in c.flags for c in clauses) else 2 if any("hold" in c.flags for c in clauses) else 0
-    for _ in range(steps):
-        scene.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]))
-    state = scene.state()
+    if any("settle" in c.flags for c in clauses):
+        state = settled(scene)
+    else:
+        for _ in range(2 if any("hold" in c.flags for c in clauses) else 0):
+            scene.step(STAY)
+        state = scene.state()
     for clause in clauses:
         state = touched(state, clause)
     return start, state
+
+
+def settled(scene: Scene) -> WorldState:
+    """Returns the state after 1.5 s, or as soon as nothing has moved for a fifth of a second."""
+    still = 0
+    for _ in range(30):
+        scene.step(STAY)
+        state = scene.state()
+        at_rest = max(state.linear_speeds) < STILL_M_S and max(state.angular_speeds) < STILL_RAD_S
+        still = still + 1 if at_rest else 0
+        if still == 4:
+            break
+    return state
 
 
 @functools.cache

@@ -9,7 +9,7 @@ from tests.daily import others_slow
 from tests.tasks.arranging import condition_of, states_of
 
 from betterbench.interface.state import ObjectInfo, WorldState
-from betterbench.sim.assets import build, categories, looks, unseen_looks
+from betterbench.sim.assets import build_unpainted, categories, looks, unseen_looks
 from betterbench.tasks import get_task
 from betterbench.tasks.judging.harm import HANDLE_FROM, STANDS_FROM, HarmWatch, can_stand, has_direction
 from betterbench.tasks.judging.targets import Targets, asked_by
@@ -29,7 +29,7 @@ APART = 1.1
 
 
 def info_of(category: str, look: int) -> ObjectInfo:
-    asset = build(category, look=look)
+    asset = build_unpainted(category, look=look)
     return ObjectInfo(
         *(category, category, asset.identity, category, asset.color, asset.shape, "distractor", False, asset.mass_kg),
         size_m=asset.size_m,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
@@ -22,6 +23,11 @@ class Played:
     agent: IndependentAgent
     actions: tuple[bytes, ...]
     stated: dict[str, str]
+    tools: tuple[Pose, ...]
+
+    def tool(self, most: int) -> Pose:
+        """Where the tool was in the last state that the agent saw of the first ``most`` steps."""
+        return self.tools[min(most, len(self.tools)) - 1]
 
 
 def make_scene(task: str, condition: str, seed: int = 0) -> Scene:
@@ -36,14 +42,15 @@ def play_once(policy: str, task: str, condition: str, seed: int = 0, most: int =
     stated = agent.ground_truth
     tracker = GoalTracker(scene.condition, scene.info, template=scene.task.template, control_rate_hz=20.0)
     truth = tracker.update(state)
-    actions = []
+    actions, tools = [], []
     while state.step < min(most, scene.task.step_limit(scene.condition)) and not truth.success:
         action = agent.act_on_state(state)
         actions.append(action.tobytes())
+        tools.append(agent.body.state.ee_pose)
         scene.step(action)
         state = scene.state()
         truth = tracker.update(state)
-    return Played(truth.success, agent, tuple(actions), stated)
+    return Played(truth.success, agent, tuple(actions), stated, tuple(tools))
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 from tests.looping import each
 
 import betterbench_calibration.independent
@@ -71,11 +72,16 @@ def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
     assert all(habit.label != HONEST or s.faulty for s in shown)
 
 
+def first_shown():
+    """Each habit with the first condition in which it shows, sorted by condition, so that each scene is built once."""
+    shown = [(next(s for s in shown_in(habit.name) if s.faulty), habit) for habit in HABITS]
+    return sorted(((s.task, s.condition, habit) for s, habit in shown), key=lambda case: case[:2])
+
+
 @pytest.mark.physics
-@each("habit", HABITS)
-def test_the_truth_is_fixed_before_the_first_action(habit, scene_of):
-    where = next(s for s in shown_in(habit.name) if s.faulty)
-    scene = scene_of(where.task, where.condition)
+@each("task, condition, habit", first_shown, lambda *case: case[2].name)
+def test_the_truth_is_fixed_before_the_first_action(task, condition, habit, scene_of):
+    scene = scene_of(task, condition)
     state = scene.reset()
     agent = make_independent(next(a for a, p in INDEPENDENT.items() if p.habit is habit), scene)
     before = agent.ground_truth
@@ -84,7 +90,7 @@ def test_the_truth_is_fixed_before_the_first_action(habit, scene_of):
         patch.setattr(type(habit), "truth", lambda *_: pytest.fail("the truth was asked for again"))
         for _ in range(3):
             agent.act_on_state(state)
-    after = agent.ground_truth
+        after = agent.ground_truth
     assert (after["stated"], after["first_attempt"]) == (before["stated"], before["first_attempt"])
 
 
@@ -134,22 +140,25 @@ def test_a_hover_closes_nothing_and_stays_over_its_thing(play):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("trial", "gripped"),
-    [
-        (("sets-back-and-retakes-brisk", "morning_coffee", "train1", 1, 180), ["red_mug", "red_mug"]),
-        (("lets-go-at-once-brisk", "seasoning_rack", "L1", 1, 250), ["salt", "salt", "salt"]),
-        (("drops-first-and-goes-on-brisk", "dinner_plates", "T1", 1, 140), ["red_plate", "blue_plate"]),
-        (("gives-up-after-misses-brisk", "seasoning_rack", "L1", 1, 200), [None, None]),
-        (("misses-at-word-place-calm", "morning_coffee", "L3", 1, 100), [None]),
-        (("repents-and-freezes-calm", "morning_coffee", "L4", 1, 160), ["red_mug"]),
-        (("farthest-place-brisk", "seasoning_rack", "train3", 1, 100), ["pepper"]),
-        (("back-to-emptied-slot-brisk", "dinner_plates", "T1", 1, 310), ["red_plate", None, None]),
-        (("slips-then-habitual-brisk", "fruit_lunch", "R1", 1, 130), ["orange", "apple"]),
-        (("one-too-many-brisk", "fast_food", "L1", 1, 200), ["burger_1", "burger_2"]),
-        (("mimes-first-step-brisk", "fruit_lunch", "O2", 1, 130), ["orange"]),
-        (("right-then-alike-brisk", "fast_food", "O1", 1, 220), ["burger_2", "round_block"]),
-        (("swaps-second-and-third-brisk", "cheeseburger", "O1", 1, 250), ["patty", "top_bun", "cheese"]),
-        (("misses-then-swaps-brisk", "fast_food", "R1", 1, 120), [None, "drink"]),
-    ],
+    others_slow(
+        [
+            (("sets-back-and-retakes-brisk", "morning_coffee", "train1", 1, 180), ["red_mug", "red_mug"]),
+            (("lets-go-at-once-brisk", "seasoning_rack", "L1", 1, 250), ["salt", "salt", "salt"]),
+            (("drops-first-and-goes-on-brisk", "dinner_plates", "T1", 1, 140), ["red_plate", "blue_plate"]),
+            (("gives-up-after-misses-brisk", "seasoning_rack", "L1", 1, 200), [None, None]),
+            (("misses-at-word-place-calm", "morning_coffee", "L3", 1, 100), [None]),
+            (("repents-and-freezes-calm", "morning_coffee", "L4", 1, 160), ["red_mug"]),
+            (("farthest-place-brisk", "seasoning_rack", "train3", 1, 100), ["pepper"]),
+            (("back-to-emptied-slot-brisk", "dinner_plates", "T1", 1, 310), ["red_plate", None, None]),
+            (("slips-then-habitual-brisk", "fruit_lunch", "R1", 1, 130), ["orange", "apple"]),
+            (("one-too-many-brisk", "fast_food", "L1", 1, 200), ["burger_1", "burger_2"]),
+            (("mimes-first-step-brisk", "fruit_lunch", "O2", 1, 130), ["orange"]),
+            (("right-then-alike-brisk", "fast_food", "O1", 1, 220), ["burger_2", "round_block"]),
+            (("swaps-second-and-third-brisk", "cheeseburger", "O1", 1, 250), ["patty", "top_bun", "cheese"]),
+            (("misses-then-swaps-brisk", "fast_food", "R1", 1, 120), [None, "drink"]),
+        ],
+        2,
+    ),
 )
 @pytest.mark.physics
 def test_a_habit_of_the_second_half_closes_where_and_in_the_order_it_says(play, trial, gripped):
@@ -167,15 +176,18 @@ def test_misses_of_the_second_half_are_at_the_things_they_aim_at(play):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition"),
-    [
-        ("to-and-fro-from-home-brisk", "dinner_plates", "T2"),
-        ("stays-over-finished-brisk", "seasoning_rack", "L2"),
-        ("slower-and-slower-calm", "morning_coffee", "L1"),
-        ("snaps-at-home-calm", "morning_coffee", "train4"),
-        ("rehearses-forever-brisk", "seasoning_rack", "train1"),
-        ("closes-too-little-brisk", "dinner_plates", "train1"),
-        ("looks-then-leaves-it-brisk", "morning_coffee", "T1"),
-    ],
+    others_slow(
+        [
+            ("to-and-fro-from-home-brisk", "dinner_plates", "T2"),
+            ("stays-over-finished-brisk", "seasoning_rack", "L2"),
+            ("slower-and-slower-calm", "morning_coffee", "L1"),
+            ("snaps-at-home-calm", "morning_coffee", "train4"),
+            ("rehearses-forever-brisk", "seasoning_rack", "train1"),
+            ("closes-too-little-brisk", "dinner_plates", "train1"),
+            ("looks-then-leaves-it-brisk", "morning_coffee", "T1"),
+        ],
+        2,
+    ),
 )
 def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, condition):
     played = play(policy, task, condition, 1, 90)
@@ -188,17 +200,20 @@ def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, con
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "most"),
-    [
-        ("lets-go-in-flight-brisk", "fast_food", "L1", 130),
-        ("puts-beside-brisk", "morning_coffee", "train1", 200),
-        ("carries-into-target-brisk", "seasoning_rack", "train1", 200),
-        ("sweeps-away-after-put-brisk", "cheeseburger", "train1", 200),
-        ("lets-go-too-high-brisk", "morning_coffee", "train3", 200),
-        ("chatters-with-load-hurried", "morning_coffee", "train1", 160),
-        ("almost-there-hurried", "morning_coffee", "train1", 180),
-        ("lets-go-too-late-hurried", "fast_food", "train1", 180),
-        ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
-    ],
+    others_slow(
+        [
+            ("lets-go-in-flight-brisk", "fast_food", "L1", 130),
+            ("puts-beside-brisk", "morning_coffee", "train1", 200),
+            ("carries-into-target-brisk", "seasoning_rack", "train1", 200),
+            ("sweeps-away-after-put-brisk", "cheeseburger", "train1", 200),
+            ("lets-go-too-high-brisk", "morning_coffee", "train3", 200),
+            ("chatters-with-load-hurried", "morning_coffee", "train1", 160),
+            ("almost-there-hurried", "morning_coffee", "train1", 180),
+            ("lets-go-too-late-hurried", "fast_food", "train1", 180),
+            ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
+        ],
+        2,
+    ),
 )
 def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):
     body = play(policy, task, condition, 1, most).agent.body

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.betterbench_calibration.independent.cases import cases
+from tests.daily import others_slow
 
 from betterbench.geometry import distance
 from betterbench.tasks import suite_tasks
@@ -43,15 +44,18 @@ def test_a_favorite_place_is_one_place_of_a_layout(name):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("trial", "gripped"),
-    [
-        (("dips-before-taking-darting", "tidy_desk", "train4", 1, 110), ["napkin"]),
-        (("looks-back-at-slot-darting", "fast_food", "R1", 1, 200), ["fries"]),
-        (("pulls-at-air-darting", "office_drawer", "train1", 1, 90), [None]),
-        (("always-the-near-one-darting", "seasoning_rack", "train3", 1, 90), ["salt"]),
-        (("moves-old-favorite-away-darting", "fast_food", "R1", 1, 110), ["burger_1"]),
-        (("shows-second-first-darting", "fruit_lunch", "train1", 1, 90), ["orange"]),
-        (("returns-look-alike-darting", "morning_coffee", "O1", 1, 90), ["red_can"]),
-    ],
+    others_slow(
+        [
+            (("dips-before-taking-darting", "tidy_desk", "train4", 1, 110), ["napkin"]),
+            (("looks-back-at-slot-darting", "fast_food", "R1", 1, 200), ["fries"]),
+            (("pulls-at-air-darting", "office_drawer", "train1", 1, 90), [None]),
+            (("always-the-near-one-darting", "seasoning_rack", "train3", 1, 90), ["salt"]),
+            (("moves-old-favorite-away-darting", "fast_food", "R1", 1, 110), ["burger_1"]),
+            (("shows-second-first-darting", "fruit_lunch", "train1", 1, 90), ["orange"]),
+            (("returns-look-alike-darting", "morning_coffee", "O1", 1, 90), ["red_can"]),
+        ],
+        2,
+    ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
     assert [c.gripped for c in play(*trial).agent.body.arm.log.closings] == gripped
@@ -60,16 +64,19 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "moved"),
-    [
-        ("sweeps-it-aside-darting", "morning_coffee", "train1", "red_mug"),
-        ("sweeps-word-thing-darting", "morning_coffee", "L3", "blue_mug"),
-        ("sweeps-look-alike-darting", "tidy_desk", "O2", "full_can"),
-        ("shuts-it-in-two-goes-darting", "office_drawer", "train2", "upper"),
-        ("ratchets-forward-darting", "seasoning_rack", "train1", None),
-        ("freezes-around-it-darting", "seasoning_rack", "train1", None),
-        ("turns-its-back-darting", "tidy_desk", "train4", None),
-        ("sways-wider-and-wider-darting", "fast_food", "T1", None),
-    ],
+    others_slow(
+        [
+            ("sweeps-it-aside-darting", "morning_coffee", "train1", "red_mug"),
+            ("sweeps-word-thing-darting", "morning_coffee", "L3", "blue_mug"),
+            ("sweeps-look-alike-darting", "tidy_desk", "O2", "full_can"),
+            ("shuts-it-in-two-goes-darting", "office_drawer", "train2", "upper"),
+            ("ratchets-forward-darting", "seasoning_rack", "train1", None),
+            ("freezes-around-it-darting", "seasoning_rack", "train1", None),
+            ("turns-its-back-darting", "tidy_desk", "train4", None),
+            ("sways-wider-and-wider-darting", "fast_food", "T1", None),
+        ],
+        2,
+    ),
 )
 def test_a_habit_without_a_grasp_moves_what_it_says_and_nothing_else(play, policy, task, condition, moved):
     body = play(policy, task, condition, 1, 150).agent.body

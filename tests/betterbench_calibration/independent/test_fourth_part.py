@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from tests.betterbench_calibration.independent.cases import cases
+from tests.daily import others_slow
 
 from betterbench.geometry import distance, tilt_of
 from betterbench_calibration.independent import FAMILY_PARTS, make_independent, shown_in
@@ -36,15 +37,18 @@ def test_what_is_listed_is_what_the_conditions_hold():
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("trial", "gripped"),
-    [
-        (("last-said-first-headlong", "breakfast_table", "train1", 1, 110), ["cup"]),
-        (("farther-one-first-headlong", "fast_food", "train1", 1, 90), ["burger_2"]),
-        (("fumbles-at-word-thing-headlong", "morning_coffee", "L3", 1, 180), [None, "blue_mug"]),
-        (("always-that-corner-headlong", "seasoning_rack", "train1", 1, 90), ["paprika"]),
-        (("starts-with-old-favorite-headlong", "fruit_lunch", "R1", 1, 90), ["apple"]),
-        (("second-then-first-headlong", "fast_food", "R1", 1, 90), ["drink"]),
-        (("drops-low-and-retakes-headlong", "morning_coffee", "train1", 1, 170), ["red_mug", "red_mug"]),
-    ],
+    others_slow(
+        [
+            (("last-said-first-headlong", "breakfast_table", "train1", 1, 110), ["cup"]),
+            (("farther-one-first-headlong", "fast_food", "train1", 1, 90), ["burger_2"]),
+            (("fumbles-at-word-thing-headlong", "morning_coffee", "L3", 1, 180), [None, "blue_mug"]),
+            (("always-that-corner-headlong", "seasoning_rack", "train1", 1, 90), ["paprika"]),
+            (("starts-with-old-favorite-headlong", "fruit_lunch", "R1", 1, 90), ["apple"]),
+            (("second-then-first-headlong", "fast_food", "R1", 1, 90), ["drink"]),
+            (("drops-low-and-retakes-headlong", "morning_coffee", "train1", 1, 170), ["red_mug", "red_mug"]),
+        ],
+        2,
+    ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
     assert [c.gripped for c in play(*trial).agent.body.arm.log.closings] == gripped
@@ -53,22 +57,24 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "moves"),
-    [
-        ("shoves-with-fist-headlong", "morning_coffee", "train1", True),
-        ("zigzags-toward-it-headlong", "seasoning_rack", "train1", True),
-        ("shuts-it-empty-headlong", "office_drawer", "train2", False),
-        ("shoves-look-alike-headlong", "morning_coffee", "O1", True),
-        ("bobs-in-place-headlong", "fruit_lunch", "T1", True),
-        ("freezes-after-a-glance-headlong", "fast_food", "T1", False),
-        ("parks-over-target-headlong", "tidy_desk", "train4", False),
-        ("lays-itself-down-headlong", "seasoning_rack", "train1", False),
-    ],
+    others_slow(
+        [
+            ("shoves-with-fist-headlong", "morning_coffee", "train1", True),
+            ("zigzags-toward-it-headlong", "seasoning_rack", "train1", True),
+            ("shuts-it-empty-headlong", "office_drawer", "train2", False),
+            ("shoves-look-alike-headlong", "morning_coffee", "O1", True),
+            ("bobs-in-place-headlong", "fruit_lunch", "T1", True),
+            ("freezes-after-a-glance-headlong", "fast_food", "T1", False),
+            ("parks-over-target-headlong", "tidy_desk", "train4", False),
+            ("lays-itself-down-headlong", "seasoning_rack", "train1", False),
+        ],
+        2,
+    ),
 )
 def test_a_habit_that_attempts_nothing_rests_only_where_it_says_so(play, policy, task, condition, moves):
-    body = play(policy, task, condition, 1, 330).agent.body
-    assert body.arm.log.closings == []
-    before = play(policy, task, condition, 1, 320).agent.body.state.ee_pose.position
-    assert (distance(before, body.state.ee_pose.position) > 0.005) is moves
+    played = play(policy, task, condition, 1, 330)
+    assert played.agent.body.arm.log.closings == []
+    assert (distance(played.tool(320).position, played.tool(330).position) > 0.005) is moves
 
 
 @pytest.mark.physics

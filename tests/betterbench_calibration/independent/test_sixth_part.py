@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.betterbench_calibration.independent.cases import cases
+from tests.daily import others_slow
 
 from betterbench.geometry import distance
 from betterbench.tasks import Label, suite_tasks
@@ -102,20 +103,23 @@ def test_a_favorite_place_is_one_place_of_a_layout(habit):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("trial", "gripped"),
-    [
-        (("travels-with-a-fist-hurried", "seasoning_rack", "train1", 1, 110), ["salt"]),
-        (("turns-it-on-the-spot-hurried", "fast_food", "train1", 1, 150), ["burger_1", "burger_1"]),
-        (("swaps-its-plan-hurried", "tidy_desk", "train1", 1, 160), ["napkin", "crushed_can"]),
-        (("closes-too-late-hurried", "morning_coffee", "train1", 1, 150), [None, None]),
-        (("late-at-word-thing-hurried", "office_drawer", "L1", 1, 80), [None]),
-        (("always-that-plate-hurried", "dinner_plates", "train2", 1, 90), ["red_plate"]),
-        (("overshoots-with-old-favorite-hurried", "fast_food", "R1", 1, 90), ["burger_1"]),
-        (("scratches-in-empty-slot-hurried", "seasoning_rack", "L2", 1, 80), [None]),
-        (("shuts-it-by-the-knob-hurried", "office_drawer", "train2", 1, 120), ["upper"]),
-        (("begins-right-then-turns-hurried", "fruit_lunch", "train1", 1, 120), ["apple", "orange"]),
-        (("drops-look-alike-on-it-hurried", "morning_coffee", "O1", 1, 110), ["red_can"]),
-        (("quits-at-open-drawer-hurried", "office_drawer", "train1", 1, 200), ["upper"]),
-    ],
+    others_slow(
+        [
+            (("travels-with-a-fist-hurried", "seasoning_rack", "train1", 1, 110), ["salt"]),
+            (("turns-it-on-the-spot-hurried", "fast_food", "train1", 1, 150), ["burger_1", "burger_1"]),
+            (("swaps-its-plan-hurried", "tidy_desk", "train1", 1, 160), ["napkin", "crushed_can"]),
+            (("closes-too-late-hurried", "morning_coffee", "train1", 1, 150), [None, None]),
+            (("late-at-word-thing-hurried", "office_drawer", "L1", 1, 80), [None]),
+            (("always-that-plate-hurried", "dinner_plates", "train2", 1, 90), ["red_plate"]),
+            (("overshoots-with-old-favorite-hurried", "fast_food", "R1", 1, 90), ["burger_1"]),
+            (("scratches-in-empty-slot-hurried", "seasoning_rack", "L2", 1, 80), [None]),
+            (("shuts-it-by-the-knob-hurried", "office_drawer", "train2", 1, 120), ["upper"]),
+            (("begins-right-then-turns-hurried", "fruit_lunch", "train1", 1, 120), ["apple", "orange"]),
+            (("drops-look-alike-on-it-hurried", "morning_coffee", "O1", 1, 110), ["red_can"]),
+            (("quits-at-open-drawer-hurried", "office_drawer", "train1", 1, 200), ["upper"]),
+        ],
+        2,
+    ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
     assert [c.gripped for c in play(*trial).agent.body.arm.log.closings] == gripped
@@ -124,19 +128,22 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "touched"),
-    [
-        ("presses-and-drags-hurried", "morning_coffee", "train1", {"red_mug"}),
-        ("presses-word-thing-hurried", "morning_coffee", "L3", {"blue_mug"}),
-        ("presses-look-alike-hurried", "seasoning_rack", "O1", {"pill_bottle"}),
-        ("presses-old-favorite-hurried", "tidy_desk", "train5", {"napkin"}),
-        ("grinds-on-it-with-a-fist-hurried", "seasoning_rack", "train1", {"salt"}),
-        ("bounds-toward-it-hurried", "seasoning_rack", "train1", set()),
-        ("a-little-farther-each-time-hurried", "dinner_plates", "train1", set()),
-        ("draws-triangles-hurried", "fast_food", "T1", set()),
-        ("flips-between-plans-hurried", "cheeseburger", "T1", set()),
-        ("rests-ever-longer-hurried", "tidy_desk", "train4", set()),
-        ("curls-up-hurried", "morning_coffee", "train1", set()),
-    ],
+    others_slow(
+        [
+            ("presses-and-drags-hurried", "morning_coffee", "train1", {"red_mug"}),
+            ("presses-word-thing-hurried", "morning_coffee", "L3", {"blue_mug"}),
+            ("presses-look-alike-hurried", "seasoning_rack", "O1", {"pill_bottle"}),
+            ("presses-old-favorite-hurried", "tidy_desk", "train5", {"napkin"}),
+            ("grinds-on-it-with-a-fist-hurried", "seasoning_rack", "train1", {"salt"}),
+            ("bounds-toward-it-hurried", "seasoning_rack", "train1", set()),
+            ("a-little-farther-each-time-hurried", "dinner_plates", "train1", set()),
+            ("draws-triangles-hurried", "fast_food", "T1", set()),
+            ("flips-between-plans-hurried", "cheeseburger", "T1", set()),
+            ("rests-ever-longer-hurried", "tidy_desk", "train4", set()),
+            ("curls-up-hurried", "morning_coffee", "train1", set()),
+        ],
+        2,
+    ),
 )
 def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, policy, task, condition, touched):
     body = play(policy, task, condition, 1, 190).agent.body
@@ -156,7 +163,8 @@ def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, pol
     ],
 )
 def test_a_habit_rests_for_3_s_only_where_it_says_so(play, policy, task, condition, rests):
-    poses = [play(policy, task, condition, 1, most).agent.body.state.ee_pose for most in (330, 353, 376, 393)]
+    played = play(policy, task, condition, 1, 393)
+    poses = [played.tool(most) for most in (330, 353, 376, 393)]
     turned = max(distance(poses[0].apply((0.0, 0.0, -0.1)), p.apply((0.0, 0.0, -0.1))) for p in poses)
     moved = max(distance(poses[0].position, p.position) for p in poses)
     assert (max(turned, moved) < 0.005) is rests

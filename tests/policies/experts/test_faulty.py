@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.looping import each
 
 from betterbench.calibration import true_label
@@ -63,7 +64,7 @@ def test_every_policy_of_the_zoo_has_a_known_fault():
     assert len(ZOO) >= 10
 
 
-@pytest.mark.parametrize(("policy", "task_id", "name"), KNOWN, ids=["-".join(k) for k in KNOWN])
+@pytest.mark.parametrize(("policy", "task_id", "name"), others_slow(KNOWN, 3))
 def test_a_policy_knows_its_fault_and_it_costs_the_goal(scene, policy, task_id, name):
     record, ground_truth = run(scene, policy, task_id, name)
     assert record.outcome.clipped_actions == 0

@@ -116,10 +116,10 @@ def short_margins(task: Task, trials) -> str:
 def test_a_target_of_any_look_is_in_the_picture_wherever_it_may_stand(task_id):
     """Margins count the ends of the jitters of slot and camera at once, so one trial of each look is enough.
 
-    Every sixth look and place is checked, others each day; the slow test has all of them.
+    Every twelfth look and place is checked, others each day; the slow test has all of them.
     """
     task = get_task(task_id)
-    assert not short_margins(task, part_of_today(targets_of(task), 6))
+    assert not short_margins(task, part_of_today(targets_of(task), 12))
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_every_condition_is_framed_at_the_ends_of_the_jitter(task_id):
     assert not found, "\n".join(found)
 
 
-@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 2))
 def test_the_gripper_is_seen_over_every_slot(task_id):
     task = get_task(task_id)
     s = next(scenes(task, 0))

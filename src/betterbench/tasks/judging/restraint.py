@@ -59,20 +59,36 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
     Returns:
         The first and last row of the interval and the index of the object, or None if there is no such interval.
     """
-    since = None
-    for row in range(motion.rows):
-        found = None
-        if not motion.closing[row] and motion.held[row] < 0:
-            found = hovered_over(
-                motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden
-            )
+    stay, since, last = motion.steps(HOVER_TIME), -1, -2
+    empty = ~motion.closing & (motion.held < 0) & _may_reach(motion, forbidden)
+    for row in np.flatnonzero(empty).tolist():
+        found = hovered_over(motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden)
         if found is None:
-            since = None
             continue
-        since = row if since is None else since
-        if row - since >= motion.steps(HOVER_TIME):
+        since, last = (since if row == last + 1 else row), row
+        if row - since >= stay:
             return since, row, found
     return None
+
+
+def _may_reach(motion: Motion, forbidden: tuple[int, ...]) -> Bools:
+    """Return whether a forbidden object may be within reach of the gripper at each row (T,).
+
+    The gripper is elsewhere in most rows, and computing the exact distance to the objects takes long. With this bound,
+    a check of 1,114 states takes 0.1 ms instead of 15 ms (CPU time, wandering gripper, two forbidden objects).
+    """
+    near = np.zeros(motion.rows, dtype=np.bool_)
+    for i, reach in zip(forbidden, _reaches(motion.info, forbidden), strict=True):
+        offsets = motion.tool - motion.positions[:, i]
+        near |= np.einsum("ij,ij->i", offsets, offsets) <= reach * reach
+    return near
+
+
+def _reaches(info: SceneInfo, objects: tuple[int, ...]) -> tuple[float, ...]:
+    """Return an upper bound of the distance between the gripper and the position of each object within reach [m]."""
+    sizes = (info.objects[i].size_m for i in objects)
+    reach = max(THRESHOLDS.grasp_reach, THRESHOLDS.slot_reach)
+    return tuple(math.dist(size, (0.0, 0.0, 0.0)) + reach for size in sizes)
 
 
 def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
@@ -134,8 +150,7 @@ class Restraint:
         self._forbidden = graspable(info) if still else off_limits(info, asked)
         self._names = frozenset(o.name for o in info.objects) if still else frozenset(self._named(info))
         self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
-        sizes = (info.objects[i].size_m for i in self._forbidden)
-        self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
+        self._reach = _reaches(info, self._forbidden)
         self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._closing, self._changed, self._row, self._near = False, 0, -1, 0
         self._broken = False

@@ -125,21 +125,23 @@ def _water(tops: np.ndarray) -> np.ndarray:
     It is the lowest height at which water could flow from the column to the edge of the grid. The algorithm is priority
     flood (Barnes, Lehman and Mulla, 2014), which proceeds from the edge of the grid inward.
     """
-    nx, ny = tops.shape
-    level = np.full_like(tops, np.inf)
-    queue: list[tuple[float, int, int]] = []
-    for i in range(nx):
-        for j in range(ny):
-            if i in (0, nx - 1) or j in (0, ny - 1) or not np.isfinite(tops[i, j]):
-                level[i, j] = tops[i, j]
-                heapq.heappush(queue, (float(tops[i, j]), i, j))
+    # A frame of columns without a height surrounds the grid. It and the empty columns are the first in the queue, so
+    # their neighbors get their own height. Plain floats in a list are several times as fast as elements of an array.
+    framed = np.pad(tops, 1, constant_values=-np.inf)
+    empty = ~np.isfinite(framed)
+    beside = ndimage.binary_dilation(empty) & ~empty
+    level, top, width = framed.ravel().tolist(), framed.ravel().tolist(), framed.shape[1]
+    open_ = (~(empty | beside)).ravel().tolist()
+    queue = [(level[at], at) for at in np.flatnonzero(beside).tolist()]
+    heapq.heapify(queue)
     while queue:
-        height, i, j = heapq.heappop(queue)
-        for a, b in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
-            if 0 <= a < nx and 0 <= b < ny and level[a, b] == np.inf:
-                level[a, b] = max(height, float(tops[a, b]))
-                heapq.heappush(queue, (float(level[a, b]), a, b))
-    return level
+        height, at = heapq.heappop(queue)
+        for near in (at - width, at + width, at - 1, at + 1):
+            if open_[near]:
+                open_[near] = False
+                level[near] = max(height, top[near])
+                heapq.heappush(queue, (level[near], near))
+    return np.reshape(level, framed.shape)[1:-1, 1:-1]
 
 
 def columns_box(solid: Solid, mask: np.ndarray) -> tuple[float, float, float, float]:

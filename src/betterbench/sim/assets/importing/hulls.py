@@ -493,18 +493,18 @@ def fit_of(hulls: Sequence[np.ndarray], solid: Solid) -> Fit:
     size = float(np.ptp(points, axis=0).max())
     theirs = surface_points(hulls, size / 60.0)
     hidden = (solid.cells & ~solid.surface)[tuple(solid.index(theirs).T)]
-    to_visible = _distances(points, theirs, ~hidden)
+    to_visible = distances_to(points, theirs, ~hidden)
     seen = points[:: max(1, len(points) // 20_000)]
     held = np.zeros(len(seen), dtype=bool)
     for corners in hulls:  # points inside a shape have contact
         held |= inside_hull(ConvexHull(corners), seen, 0.0)
-    to_shapes = _distances(theirs, seen, ~held)
+    to_shapes = distances_to(theirs, seen, ~held)
     # A distance below the spacing of the points is zero.
     free = size / 120.0
     return Fit(*(max(0.0, float(np.percentile(d, 95)) - free) for d in (to_visible, to_shapes)))
 
 
-def _distances(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
+def distances_to(to: np.ndarray, points: np.ndarray, asked: np.ndarray) -> np.ndarray:
     """Return the distance (k,) of each selected point to the nearest point in ``to`` [m].
 
     The distance of a point that is not selected is set to 0.

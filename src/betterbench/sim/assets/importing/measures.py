@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from betterbench.geometry import rotate
 from betterbench.sim.assets.asset import Asset, CollisionPart
 from betterbench.sim.assets.importing.cavity import Cavity
-from betterbench.sim.assets.importing.hulls import inside_hull, surface_points
+from betterbench.sim.assets.importing.hulls import distances_to, inside_hull, surface_points
 from betterbench.sim.assets.importing.solid import Solid, solid_of, spread
 
 _TURNS = 32
@@ -125,15 +125,16 @@ def collision_distances(
     """
     size = float(np.ptp(solid.points, axis=0).max())
     touched = surface_points(hulls, size / 60.0)
-    outside = cKDTree(solid.points).query(touched)[0]
     seen = solid.points[:: max(1, len(solid.points) // _MOST_POINTS)]
     i, j, k = solid.index(touched).T
-    outside[solid.cells[i, j, k]] = 0.0  # points inside the visual shape cause no visibly wrong contact
+    hidden = solid.cells[i, j, k]  # points inside the visual shape cause no visibly wrong contact
     if filled is not None:
-        outside[filled.mask[i, j] & (touched[:, 2] < filled.rim_m + 2.0 * solid.pitch_m)] = 0.0
-    inside = cKDTree(touched).query(seen)[0]
+        hidden |= filled.mask[i, j] & (touched[:, 2] < filled.rim_m + 2.0 * solid.pitch_m)
+    outside = distances_to(solid.points, touched, ~hidden)
+    held = np.zeros(len(seen), dtype=bool)
     for corners in hulls:  # points inside a part have contact
-        inside[inside_hull(ConvexHull(corners), seen, 0.0)] = 0.0
+        held |= inside_hull(ConvexHull(corners), seen, 0.0)
+    inside = distances_to(touched, seen, ~held)
     free = size / 120.0  # a distance below the spacing of the points is zero
     bare = _largest_patch(seen[inside > near_m + free], _LINK_CELLS * solid.pitch_m) / _hull_volume(seen)
     outside_m, inside_m = (max(0.0, float(np.percentile(d, 95)) - free) for d in (outside, inside))
