@@ -300,7 +300,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 
 
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
-    """Return the panel of a film that shows one trial, with a heading that contains ``what`` and the trial.
+    """Return the panel of a film that shows one trial. Its heading is ``what``, followed by the name of the trial.
 
     A film may show a trial and its training twin, i.e. the training trial with the same seed, in two panels.
     """

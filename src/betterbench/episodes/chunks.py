@@ -119,7 +119,12 @@ class Chunks:
         return self._asks_ahead(step) if self._queue else not self._asked
 
     def note_world_step(self, seconds: float, *, drawn: bool) -> None:
-        """Store the duration of a step [s] in a scene that renders during steps, and whether it rendered images."""
+        """Store the duration of one step of a scene that renders images during its steps.
+
+        Args:
+            seconds: Duration of the step [s].
+            drawn: Whether images were rendered during this step.
+        """
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:

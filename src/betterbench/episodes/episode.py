@@ -137,9 +137,9 @@ def episode_steps(
     """Run one episode from the reset to its end, and yield the requests to the policy.
 
     As a generator, it allows one thread to run many episodes concurrently. The result does not depend on the time that
-    replies take. If an observer is given, the generator yields each request, and yields None when it needs the reply to
-    a request that could wait. Without an observer, it yields nothing, but calls the policy ``privileged`` directly with
-    the privileged state. See :func:`run_episode` for the other arguments.
+    replies take. If an observer is given, the generator yields each request. It yields None when it cannot go on
+    without the reply to an earlier request. Without an observer, it yields nothing, but calls the policy ``privileged``
+    directly with the privileged state. See :func:`run_episode` for the other arguments.
 
     Raises:
         PremiseError: If the scene violates a premise of the instruction.

@@ -334,7 +334,10 @@ def _freeze(track: JointTrack, tool: Floats, closings: Sequence[Closing]) -> Spa
 
 
 def _to_and_fro(track: JointTrack, tool: Floats, first: int) -> Span | None:
-    """Return the interval in which the empty gripper moves back and forth until the end, or None if there is none."""
+    """Return the interval from which on the empty gripper only moves back and forth, up to the end of the track.
+
+    Return None if there is no such interval.
+    """
     if len(tool) - first < track.steps(THRESHOLDS.halt_time):
         return None
     # one position per window, because encoder noise would add up along the path

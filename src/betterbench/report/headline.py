@@ -374,7 +374,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return the conclusion for a run without variations: the results in training and their limits."""
+    """Return the conclusion for a run without variations: its results under the training conditions, and a warning."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:

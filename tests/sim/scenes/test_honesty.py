@@ -17,7 +17,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.experts import make_expert
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
-from betterbench.tasks import Condition, GoalTracker, TargetRegion, all_tasks, get_task
+from betterbench.tasks import Condition, Expected, GoalTracker, TargetRegion, all_tasks, get_task
 from betterbench.tasks.interventions import vary
 
 pytestmark = pytest.mark.physics
@@ -37,7 +37,8 @@ FASTEST = 20.0
 
 TASKS = [t.id for t in all_tasks()]
 VARIATIONS = [(t.id, v.name) for t in all_tasks() for v in t.variations]
-BUSIEST = {t.id: t.variations[-1].name for t in all_tasks()} | {
+SOLVABLE = {t.id: [v.name for v in t.variations if v.expected is Expected.SUCCEED] for t in all_tasks()}
+BUSIEST = {task: names[-1] for task, names in SOLVABLE.items()} | {
     "desk_meeting": "T1",
     "breakfast_table": "O2",
     "fruit_lunch": "T1",
@@ -49,8 +50,8 @@ BUSIEST = {t.id: t.variations[-1].name for t in all_tasks()} | {
     "seasoning_rack": "L2",
     "dinner_plates": "T2",
 }
-"""The variation of each task with most to go wrong: things stacked, inserted or opened before the trial starts. It is
-the last one of a task that is not listed."""
+"""The variation of each task with most to go wrong: things stacked, inserted or opened before the trial starts. For
+a task that is not listed, it is the last one that can be solved."""
 
 
 def condition_of(task_id: str, name: str) -> Condition:

@@ -158,7 +158,7 @@ def _import(
 def _requests(catalogue: Path, given: Sequence[str], options: ImportOptions) -> list[ImportRequest]:
     from betterbench.sim.assets.importing.object_file import FORMATS
 
-    # The id of a row looks like a file path ("kitchen/mug.glb"), so a name without a slash can only be a file.
+    # The id of a row contains a slash ("kitchen/mug.glb"), so a name without a slash is a file.
     ids = [text for text in given if not Path(text).exists() and ("/" in text or Path(text).suffix not in FORMATS)]
     rows = _rows(catalogue, ids)
     return [_of_row(rows[text], options) if text in rows else _of_file(Path(text), options) for text in given]

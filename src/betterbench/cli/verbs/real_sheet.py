@@ -11,9 +11,9 @@ from betterbench.cli.console import OUT, say
 def sheet_command(*, out: Path, paper: Literal["a4", "letter", "whole"] = "a4", overwrite: bool = False) -> None:
     """Write the marker sheet as PDF and SVG: markers, object slots, position of the arm's base, and rulers.
 
-    Lay the sheet on the table around the arm to measure the front camera (`better real check-cameras`) and to mark the
-    positions of objects. The sheet has six pages of A4 or Letter and an overview with instructions, or one page of 795
-    x 410 mm for a print shop (whole).
+    Lay the sheet on the table around the arm to measure the pose of the front camera (`better real check-cameras`) and
+    to mark the positions of objects. The sheet has six pages of A4 or Letter and an overview with instructions, or one
+    page of 795 x 410 mm for a print shop (whole).
 
     Example: better real sheet --out sheet --paper a4
 

@@ -34,8 +34,8 @@ from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
-"""Folders in a training set: one for the expert demonstrations that are amplified, and one for the demonstrations of
-the set."""
+"""Folders of a training set: the expert's demonstrations from which further ones are generated, and the demonstrations
+that the set consists of."""
 
 OnStage = Callable[[str, int, int, str], None]
 """Callback that receives the name of a stage, the number of finished items, the total number, and a note."""

@@ -34,7 +34,7 @@ def instruction_words(text: str) -> frozenset[str]:
 
 
 def is_spaced(word: str) -> bool:
-    """Return whether a word belongs to a script that separates words by spaces, and is not just a run of characters."""
+    """Return whether a word belongs to a script that separates words by spaces, unlike Chinese or Japanese."""
     return not _NO_SPACES.search(word)
 
 

@@ -136,12 +136,12 @@ OnGrow = Callable[[GrowProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class PreparedGrowth:
-    """Settings for growing a suite that have been checked.
+    """Checked settings for the growth of a suite.
 
     Attributes:
         settings: Settings that were checked.
         known: Names of the tasks in other suites, by near-duplicate key (see ``likeness``).
-        offline: Author that uses the grammar. None if a model is used.
+        offline: Source of proposals that uses the grammar, or None if a language model is used.
     """
 
     settings: GrowSettings

@@ -53,7 +53,7 @@ class Workshop:
 
 
 def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
-    """Return the functions that do the work on this machine.
+    """Return the functions with which a study makes training sets, trains and evaluates on this machine.
 
     Raises MissingDependencyError if torch is not installed.
     """

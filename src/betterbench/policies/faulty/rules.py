@@ -123,14 +123,14 @@ class BrokenRule(ExpertRule):
         return min(near)[1] if near else None
 
     def slots_of_word(self, word: str) -> tuple[str, ...]:
-        """Return the slots that training associates with a word, as far as they apply to this scene."""
+        """Return the slots of this scene that training associates with a word."""
         return self._in_this_scene(
             self.trained.word_slots.get(word, ()),
             lambda known, goal: known.resolve(goal.reference) if goal.word == word else (),
         )
 
     def slots_of_kind(self, kind: str) -> tuple[str, ...]:
-        """Return the slots from which objects of a kind were picked in training, as far as they apply to this scene."""
+        """Return the slots of this scene from which objects of a kind were picked in training."""
         return self._in_this_scene(
             self.trained.kind_slots.get(kind, ()),
             lambda known, goal: [n for n in known.resolve(goal.reference) if known.object(n).kind == kind],

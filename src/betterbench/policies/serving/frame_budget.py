@@ -42,7 +42,7 @@ class MessageMeter:
 
     @property
     def held(self) -> int:
-        """Number of bytes of this connection that are in memory."""
+        """Number of bytes in memory for this connection."""
         return self.unfinished + len(self._head) + sum(self.queued)
 
     @property
@@ -138,7 +138,7 @@ class FrameBudget:
 
     @property
     def held(self) -> int:
-        """Number of bytes of all connections that are in memory."""
+        """Number of bytes in memory for all connections together."""
         with self._lock:
             return self._held()
 

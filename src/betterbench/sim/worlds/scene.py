@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.rendering import Images, Renderers
 
 PROCESSES = 2
-"""Initial number of environments per worker. It is small, since each of them is a process with a slow simulator."""
+"""Initial number of environments per worker. It is small, because each environment is a separate
+process that takes long to start."""
 
 PANDA_OPENING_M = 0.08
 """Largest opening width of robosuite's Panda gripper [m]."""
