@@ -139,7 +139,10 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
     [
         ("toy:a?gan=1", "Unknown option of toy 'gan'. Did you mean 'gain'? Known: gain, let.KEY, turns"),
         ("toy:a?gain=3", "gain=3 is out of range. Set it to the gain, from 0 to 2"),
-        ("toy:a?gain=x", "gain=x is out of range"),
+        ("toy:a?gain=x", "gain: expected a number, got 'x'. Set it to the gain, from 0 to 2"),
+        ("toy:a?let.x=1&gain=nan", "gain: expected a number, got 'nan'"),
+        ("toy:a?gain=inf", "gain=inf is out of range"),
+        ("openpi://localhost:8000?timeout=soon", "timeout: expected a number, got 'soon'. Set it to the time limit"),
         ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Set it to the turns, such as 8"),
         ("toy:a?turns=ten", "turns=ten must be a whole number. Set it to the turns, such as 8"),
         ("toy:a?turns=inf", "turns=inf must be a whole number. Set it to the turns, such as 8"),
