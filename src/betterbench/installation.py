@@ -85,6 +85,11 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
 
+def extra_with(module: str) -> str | None:
+    """Return the first extra that contains a module, or None if there is none."""
+    return next((name for name, extra in EXTRAS.items() if module in extra.modules), None)
+
+
 def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
     """Return the error for missing packages that belong to no extra.
 

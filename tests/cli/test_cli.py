@@ -407,6 +407,19 @@ def test_nothing_that_is_no_record_is_called_damaged_or_to_be_deleted(capsys, sm
             assert "damaged" not in said
 
 
+@pytest.mark.parametrize("words", [["replay"], ["replay", "--check"], ["view"]], ids=" ".join)
+def test_a_run_folder_instead_of_a_record_names_a_record(capsys, small_run, tmp_path, words):
+    assert main([words[0], str(small_run), *words[1:]]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    found = re.fullmatch(r"error: (\S+): this is a folder of a run\. Pass one of its records, such as (\S+)\.", said)
+    assert found is not None, said
+    assert found[1] == str(small_run)
+    assert Path(found[2]).is_file()
+    (tmp_path / "run.json").write_text("{}")
+    assert main([words[0], str(tmp_path), *words[1:]]) == 2
+    assert "Pass one of its records, but this run has none yet." in " ".join(capsys.readouterr().err.split())
+
+
 def test_replay_checks_bit_for_bit(capsys, small_run):
     record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     status, out, _ = run(capsys, "replay", str(record), "--check", "--json")

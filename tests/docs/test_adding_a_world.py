@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
+import io
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.docs.copies import copy_checkout, run
 
+from betterbench.api.report import ReportListener, _media
 from betterbench.cli.main import main
-from betterbench.diagnosis import diagnose_run
-from betterbench.errors import RecordError
+from betterbench.cli.output.comparison import print_comparison
+from betterbench.comparison import Side, compare
+from betterbench.diagnosis import Label, diagnose_run
+from betterbench.errors import MissingDependencyError, RecordError
 from betterbench.records import RunFolder
 from betterbench.report.figures.charts import outcomes_chart
 from betterbench.report.headline import verdict_line
+from betterbench.report.legend import modes_of
+from betterbench.report.tables.exports import trial_table, variation_table
+from betterbench.report.tables.table import to_csv
 from betterbench.sim.worlds import PlanRequest, World, world_named
 from betterbench.sim.worlds.bare import BareScene
 from betterbench.sim.worlds.registry import forget_world
@@ -83,7 +92,7 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
     assert "move the hand to the left" in page
     assert "Point" in page
-    assert report.err.count("no films") <= 1
+    assert "Rendering" not in report.err
     stored = json.loads((folder / "runs" / "goes" / "run.json").read_text())["plan"]
     assert stored["world"]["facts"] == world_named("point").facts.to_json()
     assert [file["name"] for file in stored["task_files"]] == ["point.py"]
@@ -91,6 +100,48 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     monkeypatch.setenv(user_files.VARIABLE, "")
     with pytest.raises(RecordError, match=r"point\.py.*--task-file"):
         RunFolder.open(folder / "runs" / "goes")
+
+
+def test_a_report_announces_no_films_in_a_world_that_cannot_render_them(follow):
+    folder, _ = follow([f"{COMMANDS.splitlines()[2]} --trials 1 --workers 1"])
+    said = []
+    run = RunFolder.open(folder / "runs" / "noop")
+    found = diagnose_run(run)
+    varied = replace(found, trials=tuple(replace(t, variation="far") for t in found.trials))
+    with pytest.raises(MissingDependencyError, match="trials in Point have no images, because this world cannot"):
+        _media([run], [varied], 2, ReportListener(say=said.append))
+    assert said == []
+
+
+def test_no_command_states_the_cause_of_a_failure_that_was_not_judged(follow, capfd):
+    _, *evaluate, _ = COMMANDS.splitlines()
+    folder, _ = follow([line.replace("--suite", "--trials 4 --workers 1 --suite") for line in evaluate])
+    goes, noop = (diagnose_run(RunFolder.open(folder / "runs" / name)) for name in ("goes", "noop"))
+    sides = [
+        Side(d.policy, replace(d, trials=tuple(replace(t, variation="far") for t in d.trials))) for d in (goes, noop)
+    ]
+    result = compare(sides)
+    assert {(g.measure, g.scope) for g in result.groups} == {
+        ("success", "overall"), ("success", "point-left"), ("success", "point-right"), ("system", "overall"),
+    }  # fmt: skip
+    assert "In Point, only the end of each trial is judged, not the cause of a failure." in result.notes
+    print_comparison(result)
+    said = capfd.readouterr().out + json.dumps(result.to_json())
+    assert "noop" in said
+    assert not re.search("execution|reasoning|timeout", said)
+    variations = rows_of(variation_table([side.diagnosis for side in sides]))
+    assert [(row["reasoning"], row["execution"], row["system"]) for row in variations] == [("", "", "0")] * 4
+    assert [row["k"] for row in variations] == ["4", "4", "0", "0"]
+    trials = rows_of(trial_table([goes, noop]))
+    assert {(row["success"], row["label"], row["kind"]) for row in trials} == {
+        ("true", "success", "none"), ("false", "timeout", ""),
+    }  # fmt: skip
+    (mode,) = (mode for mode in modes_of(noop.trials) if mode.label is Label.TIMEOUT)
+    assert mode.definition == "The step limit was reached before the goal."
+
+
+def rows_of(table):
+    return list(csv.DictReader(io.StringIO(to_csv(table))))
 
 
 def test_commands_for_own_scenes_say_that_they_serve_no_other_world(follow, capfd):

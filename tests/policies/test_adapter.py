@@ -460,7 +460,7 @@ def test_malformed_changes_are_one_clear_line():
         ("preset=openpi_libero&size=big", "size=big is not an image size"),
         ("preset=openpi_libero&turn=45", "Unknown turn '45'"),
         ("preset=openpi_libero&keep=2", "keep = 2"),
-        ("preset=openpi_libero&keep=x", "keep=x must be ≥ 0"),
+        ("preset=openpi_libero&keep=x", "keep: expected a number, got 'x'"),
         ("preset=openpi_libero&ee_offset=1,2", "does not consist of three numbers"),
         ("preset=openpi_libero&ee_offset=1,2,nan", "ee_offset_m"),
         ("preset=openpi_libero&gripper=close_positve", "Did you mean 'close_positive'"),

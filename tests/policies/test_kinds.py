@@ -16,7 +16,7 @@ from tests.looping import each
 import betterbench
 import betterbench_calibration
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.policies.address import AddressForm, Option
+from betterbench.policies.address import AddressForm, Option, PolicyAddress
 from betterbench.policies.factory import check_policy
 from betterbench.policies.kinds import (
     KINDS,
@@ -139,7 +139,10 @@ def test_the_options_of_a_kind_are_read_and_typed(toy):
     [
         ("toy:a?gan=1", "Unknown option of toy 'gan'. Did you mean 'gain'? Known: gain, let.KEY, turns"),
         ("toy:a?gain=3", "gain=3 is out of range. Set it to the gain, from 0 to 2"),
-        ("toy:a?gain=x", "gain=x is out of range"),
+        ("toy:a?gain=x", "gain: expected a number, got 'x'. Set it to the gain, from 0 to 2"),
+        ("toy:a?let.x=1&gain=nan", "gain: expected a number, got 'nan'"),
+        ("toy:a?gain=inf", "gain=inf is out of range"),
+        ("openpi://localhost:8000?timeout=soon", "timeout: expected a number, got 'soon'. Set it to the time limit"),
         ("toy:a?turns=1.5", "turns=1.5 must be a whole number. Set it to the turns, such as 8"),
         ("toy:a?turns=ten", "turns=ten must be a whole number. Set it to the turns, such as 8"),
         ("toy:a?turns=inf", "turns=inf must be a whole number. Set it to the turns, such as 8"),
@@ -270,6 +273,40 @@ def test_a_kind_that_returns_no_policy_for_an_episode_is_named(toy, monkeypatch,
     monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
     with pytest.raises(InvalidInputError, match=f"policy toy:a: {text}"):
         make_for("toy:a", None)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "expected"),
+    [
+        (
+            "source_of",
+            ("toy.py", "0a1b"),
+            "must return a text such as 'my_policy.py, sha256 0a1b', got ('toy.py', '0a1b')",
+        ),
+        ("source_of", None, "must return a text such as 'my_policy.py, sha256 0a1b', got None"),
+        ("describe", "toy", "must return a PolicyInfo or None, got 'toy'"),
+        ("needs", None, "must return a PolicyNeeds, got None"),
+        ("read", "toy:a", "must return a PolicyAddress, got 'toy:a'"),
+        ("space_in_world", 7, "must return a text such as 'ee_delta' or None, got 7"),
+    ],
+)
+def test_a_function_of_a_kind_that_returns_another_type_is_named_with_its_file(toy, monkeypatch, name, given, expected):
+    def wrong(address, world=""):
+        return given
+
+    kind = dataclasses.replace(toy, **{name: wrong, "make": lambda _: Noop()})
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
+    place = re.escape(
+        f"{__file__}, line {wrong.__code__.co_firstlineno}: {name} of the policy kind toy {expected}. Correct "
+    )
+    with pytest.raises(InvalidInputError, match=place):
+        kind.space_of(PolicyAddress("toy:a", toy.form, "a")) if name == "space_in_world" else check_policy("toy:a")
+
+
+def test_the_source_of_a_kind_is_part_of_the_description(toy, monkeypatch):
+    kind = dataclasses.replace(toy, source_of=lambda _: "toy.py, sha256 0a1b", make=lambda _: Noop())
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
+    assert check_policy("toy:a").metadata["source file"] == "toy.py, sha256 0a1b"
 
 
 def test_a_mistake_in_the_file_of_a_kind_names_the_file_and_the_line(tmp_path):

@@ -28,7 +28,8 @@ from betterbench.report.pages.page import is_report
 from betterbench.report.pages.page import write_report as write_page
 from betterbench.report.pages.trust import trust_of
 from betterbench.sim.scenes.limited import LimitedViews
-from betterbench.sim.worlds import WorldError
+from betterbench.sim.worlds import WorldError, world_named
+from betterbench.sim.worlds.world import require_photos
 from betterbench.statistics.wording import plural
 from betterbench.tasks import all_tasks
 from betterbench.tasks.user_files import options_for
@@ -253,6 +254,9 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
                 "training conditions."
             )
         return Media()
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        if is_abroad(diagnosis) and any(s.policy == diagnosis.policy for s in chosen):
+            require_photos(world_named(run.world.name))
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(
         f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "

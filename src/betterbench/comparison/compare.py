@@ -25,7 +25,7 @@ from betterbench.diagnosis.measures.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
-from betterbench.tasks.worlds.facts import facts_of_task
+from betterbench.tasks.worlds.facts import facts_of_task, outcomes_note
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,14 @@ def compare(
     compared = [replace(s.diagnosis, trials=tuple(t)) for s, t in zip(sides, matching.trials, strict=True)]
     measured = any(facts_of_task(t.task).measured for d in compared for t in d.trials)
     standings = tuple(map(standing_of, compared)) if measured else ()
-    return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes, standings)
+    notes = (*matching.notes, *map(outcomes_note, _unjudged_worlds(matching)))
+    return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, notes, standings)
+
+
+def _unjudged_worlds(matching: Matching) -> list[str]:
+    """Return the titles of the compared worlds in which the causes of failures are not judged."""
+    worlds = {task: facts_of_task(task) for task in {t.task for side in matching.trials for t in side}}
+    return sorted({world.title for world in worlds.values() if not world.judges_causes})
 
 
 class _Question(NamedTuple):
@@ -159,17 +166,20 @@ class _Question(NamedTuple):
 def _families(matching: Matching) -> Iterator[list[_Question]]:
     """Yield the families of questions to test.
 
-    The p-values within a family are corrected together for multiple testing.
+    The p-values within a family are corrected together for multiple testing. If the causes of failures are not judged,
+    only system failures are compared besides success.
     """
     varied = [t for side in matching.trials for t in side if t.variation is not None]
     yield [_Question("success", "overall")]
     yield [_Question("success", "training")]
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
-    yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
+    causes = () if _unjudged_worlds(matching) else (Kind.REASONING, Kind.EXECUTION)
+    kinds = (*causes, Kind.SYSTEM)
+    yield [_Question(kind.value, "overall") for kind in kinds]
     # A label that occurs for no policy cannot differ. It can be left out of the correction, because this decision does
     # not depend on any difference between policies.
-    shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
+    shown = {t.label for t in varied if t.kind in kinds}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 

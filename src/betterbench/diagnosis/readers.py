@@ -178,7 +178,7 @@ class OutcomeReader:
     def notes(self, run: RunFolder, found: RunDiagnosis) -> tuple[str, ...]:
         """Return a note which states that only the outcome of each trial is judged."""
         del run, found
-        return (f"In {self.title}, only the end of each trial is judged, not the cause of a failure.",)
+        return (facts.outcomes_note(self.title),)
 
     def last_notes(self, trials: Sequence[TrialDiagnosis]) -> tuple[str, ...]:
         """Return an empty tuple, because no other runs would improve the diagnosis."""

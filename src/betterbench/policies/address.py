@@ -338,6 +338,9 @@ class PolicyAddress:
         if text is None:
             return default
         value = _number(text)
+        if math.isnan(value):
+            such = "such as 2.5" if option.most == math.inf else f"from 0 to {option.most:g}"
+            raise self.error(f"{name}: expected a number, got {text!r}", f"Set it to {option.meaning}, {such}")
         if option.most < math.inf and not 0.0 <= value <= option.most:
             raise self.error(f"{name}={text} is out of range", f"Set it to {option.meaning}, from 0 to {option.most:g}")
         if not 0.0 <= value < math.inf:

@@ -110,7 +110,7 @@ class PolicyFactory:
         Raises the errors of :func:`check_policy`.
         """
         if self._info is None:
-            self._info = self._kind.describe(self._kind.parse(self.address, world=self._world))
+            self._info = self._kind.info_of(self._kind.parse(self.address, world=self._world))
         if self._info is None:
             self._made = self._make()
             self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
@@ -195,7 +195,7 @@ class PolicyFactory:
         """
         if isinstance(self._made, PolicyProcess):
             return self._made.source
-        return self._kind.source_of(self._kind.parse(self.address)) if self._kind.source_of is not None else ""
+        return self._kind.file_of(self._kind.parse(self.address))
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> PolicyInfo:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
@@ -32,6 +33,9 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 NOT_JUDGED: dict[str, str] = {"right": "Right", "execution": "Failure, cause not judged", "system": "System failure"}
 """Families of runs in worlds that judge only the outcome of a trial."""
 
+_UNMET = "The step limit was reached before the goal."
+"""Definition of a timeout in worlds that judge only the outcome of a trial."""
+
 
 def judges_causes(trials: Iterable[TrialDiagnosis]) -> bool:
     """Return whether the cause of a failure was judged, or could have been, in any of the trials."""
@@ -57,7 +61,10 @@ def modes_of(trials: Iterable[TrialDiagnosis]) -> list[FailureMode]:
     listed = list(trials)
     families, found = families_of(listed), {t.label for t in listed}
     everything = judges_causes(listed)
-    return [mode for mode in LEGEND.values() if mode.family in families and (everything or mode.label in found)]
+    if everything:
+        return [mode for mode in LEGEND.values() if mode.family in families]
+    shown = [mode for mode in LEGEND.values() if mode.family in families and mode.label in found]
+    return [replace(mode, definition=_UNMET) if mode.label is Label.TIMEOUT else mode for mode in shown]
 
 
 AXIS_NAMES: dict[str, str] = {

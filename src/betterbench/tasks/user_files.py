@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from betterbench.errors import InvalidInputError, RecordError, errors_explained
+from betterbench.installation import extra_with, missing_extra
 from betterbench.json_form import read_bounded
 from betterbench.quoting import shell_word
 from betterbench.tasks.renamed import with_present_names
@@ -507,11 +508,23 @@ def _registering(origin: _Origin) -> Iterator[None]:
     """Context manager that records a file as the origin of everything that is registered inside it.
 
     At the end, the tasks of the file are built as a check.
+
+    Raises:
+        InvalidInputError: If the file raises an error.
+        MissingDependencyError: If the file imports a module of an extra that is not installed.
     """
     _loading.append(origin)
     try:
-        with errors_explained(origin.path):
-            yield
+        try:
+            with errors_explained(origin.path):
+                yield
+        except InvalidInputError as error:
+            cause = error.__cause__
+            module = (cause.name or "").partition(".")[0] if isinstance(cause, ModuleNotFoundError) else ""
+            extra = extra_with(module)
+            if extra is None:
+                raise
+            raise missing_extra(f"{error.where}: it imports {module}, which is not installed", extra) from error
         for (kind, name), make in tuple(_makers.items()):
             if kind == "task" and _origins[kind, name] is origin:
                 make()

@@ -11,6 +11,7 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError, RecordError, one_line
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.records import RecordMetadata, RunFolder
@@ -47,6 +48,7 @@ def replay_command(
     """
     from betterbench.evaluation import check_record
 
+    _require_file(record)
     if check and twin:
         raise InvalidInputError(
             "--twin", "it cannot be combined with --check, which does not write a video", "Leave out --twin or --check"
@@ -72,6 +74,15 @@ def replay_command(
         )
 
 
+def _require_file(record: Path) -> None:
+    """Raise RecordError if a path is the folder of a run. The message names a record of the run."""
+    if not (record / "run.json").is_file():
+        return
+    found = min(record.glob("records/*/*/*.parquet"), default=None)
+    one = f"such as {shell_word(found)}" if found is not None else "but this run has none yet"
+    raise RecordError(f"{record}: this is a folder of a run. Pass one of its records, {one}.")
+
+
 def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     """Return the run to which a record file belongs, and the metadata of the record.
 
@@ -80,6 +91,7 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     """
     from betterbench.records import RunFolder, read_record
 
+    _require_file(record)
     meta = read_record(record).metadata
     place = Path(os.path.realpath(record))
     folder = place.parents[3] if len(place.parents) > 3 else place.parent

@@ -67,7 +67,7 @@ def _action_space(policy: str, world: World, asked: str | None) -> str:
             raise UnknownNameError(f"action space of {world.name}", asked, world.action_spaces)
         return asked
     kind = kind_of(policy)
-    return kind.space_in_world(kind.parse(policy, world=world.dialect)) or world.action_spaces[0]
+    return kind.space_of(kind.parse(policy, world=world.dialect)) or world.action_spaces[0]
 
 
 def _planned(world: World, asked: PlanRequest) -> tuple[tuple[Trial, ...], World]:

@@ -104,7 +104,7 @@ def open_server(
             f"{policy} is not an expert, so it supports only the layouts native and openpi_libero",
             "Omit --layout",
         )
-    kind.describe(kind.parse(policy))  # report a missing checkpoint now instead of to the first client
+    kind.info_of(kind.parse(policy))  # report a missing checkpoint now instead of to the first client
     if needs.state:
         # Imported here because it imports MuJoCo, which only an expert needs.
         from betterbench.evaluation.serving.shadow import ShadowSimulations  # noqa: PLC0415

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import re
+import reprlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_parameters
-from betterbench.interface.policy import require_policy
+from betterbench.interface.policy import PolicyInfo, require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 
 if TYPE_CHECKING:
     from types import FrameType
 
-    from betterbench.interface import Policy, PolicyInfo
+    from betterbench.interface import Policy
     from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
     from betterbench.sim.scenes import Scene
     from betterbench.sim.worlds import TrialScene
+
+ResultT = TypeVar("ResultT")
 
 
 class PlannedTrial(Protocol):
@@ -212,14 +215,51 @@ class PolicyKind:
             UnknownNameError: If the policy or an option does not exist.
             InvalidInputError: If the target or an option is malformed.
         """
-        return self.form.read(text, world=world) if self.read is None else self.read(text, world)
+        if self.read is None:
+            return self.form.read(text, world=world)
+        return self._returned("read", self.read(text, world), PolicyAddress)
 
     def needs_of(self, text: str) -> PolicyNeeds:
         """Return the resources that the policy at an address needs.
 
         Raises the errors of :meth:`parse` if the needs depend on the address.
         """
-        return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
+        if isinstance(self.needs, PolicyNeeds):
+            return self.needs
+        return self._returned("needs", self.needs(self.parse(text)), PolicyNeeds)
+
+    def info_of(self, address: PolicyAddress) -> PolicyInfo | None:
+        """Return the description of a policy. Return None if the policy must be created to know it."""
+        found = self.describe(address)
+        return None if found is None else self._returned("describe", found, PolicyInfo, "a PolicyInfo or None")
+
+    def file_of(self, address: PolicyAddress) -> str:
+        """Return the name and SHA-256 of the user's file that contains a policy, or an empty string."""
+        if self.source_of is None:
+            return ""
+        return self._returned("source_of", self.source_of(address), str, "a text such as 'my_policy.py, sha256 0a1b'")
+
+    def space_of(self, address: PolicyAddress) -> str | None:
+        """Return the action space of a policy in another benchmark. Return None if it is not fixed."""
+        found = self.space_in_world(address)
+        return (
+            None if found is None else self._returned("space_in_world", found, str, "a text such as 'ee_delta' or None")
+        )
+
+    def _returned(self, name: str, value: object, expected: type[ResultT], words: str = "") -> ResultT:
+        """Return the result of a function of this kind.
+
+        Raises InvalidInputError, with the function's file and line, if the result is not of the expected type.
+        """
+        if isinstance(value, expected):
+            return value
+        code = getattr(getattr(self, name), "__code__", None)
+        where, its = f"policy kind {self.name}", ""
+        if code is not None:
+            where, its = f"{code.co_filename}, line {code.co_firstlineno}", f" of the policy kind {self.name}"
+        words = words or f"a {expected.__name__}"
+        problem = f"{name}{its} must return {words}, got {reprlib.repr(value)}"
+        raise InvalidInputError(where, problem, "Correct its return value")
 
     def entries(self) -> tuple[PolicyEntry, ...]:
         """Return the rows for ``better list policies``.

@@ -57,13 +57,14 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
     kind = find_kind(address)
-    source_of = None if kind is None else kind.source_of
     try:
         policy = make_policy(address, world=world)
-        source = "" if source_of is None else source_of(read_address(address))
+        source = "" if kind is None else kind.file_of(read_address(address))
         send_frame(run, *content_of(ProcessAnswer(declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - any error of a constructor is reported to the run
-        if not (isinstance(problem, BetterError) or source_of):  # errors in the user's file get a line number
+        if not (
+            isinstance(problem, BetterError) or (kind is not None and kind.source_of)
+        ):  # errors in the user's file get a line number
             traceback.print_exc()
         send_frame(run, *content_of(_told(problem)))
         _exit(1)

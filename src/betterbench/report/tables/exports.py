@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import RunDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.tables.latex import paper_table_to_latex, table_to_latex
 from betterbench.report.tables.matrices import matrices_of, plain_matrix
 from betterbench.report.tables.paper import PaperTable, plain_paper_table
 from betterbench.report.tables.table import Table, to_csv
 from betterbench.report.task_views import task_views
+from betterbench.tasks.labels import Kind
+from betterbench.tasks.worlds.facts import facts_of_task
+
+OF_CAUSES = (Kind.REASONING, Kind.EXECUTION)
+"""Kinds of failure that are unknown if only the outcome of each trial is judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +88,18 @@ def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     """Return one row per policy and variation: outcomes, and success rates of the trials and their training twins.
 
-    A training twin is the training trial with the same seed.
+    A training twin is the training trial with the same seed. The counts of reasoning and execution failures are empty
+    if the causes of failures are not judged.
     """
     rows = []
     for diagnosis in diagnoses:
         for row in variation_rows(diagnosis):
             trial, twin = row.trial, row.twin
-            families = {family: row.count_of(family) for family in ("reasoning", "execution", "system", "unfinished")}
+            causes = facts_of_task(row.task).judges_causes
+            families = {
+                family: row.count_of(family) if causes or Kind(family) not in OF_CAUSES else None
+                for family in ("reasoning", "execution", "system", "unfinished")
+            }
             rows.append(
                 (
                     diagnosis.policy, row.id, row.axis, row.title, trial.k, trial.n, trial.value, trial.low, trial.high,
@@ -117,7 +127,10 @@ def metric_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
 
 
 def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per policy and planned trial, with all results of the diagnosis."""
+    """Return one row per policy and planned trial, with all results of the diagnosis.
+
+    The kind of a failure is empty if the causes of failures are not judged.
+    """
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
@@ -128,7 +141,7 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     rows = tuple(
         (
             d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected,
-            None if t.ambiguous else t.success, t.label.value, t.kind.value, t.intended, t.intended_kind,
+            None if t.ambiguous else t.success, t.label.value, _kind(t), t.intended, t.intended_kind,
             " ".join(t.intended_any), t.first_attempt,
             t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
@@ -140,6 +153,11 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
         for t in d.trials
     )  # fmt: skip
     return Table("trials", "All planned trials.", columns, rows)
+
+
+def _kind(trial: TrialDiagnosis) -> str | None:
+    judged = trial.kind not in OF_CAUSES or facts_of_task(trial.task).judges_causes
+    return trial.kind.value if judged else None
 
 
 def short_trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:

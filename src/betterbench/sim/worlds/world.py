@@ -429,7 +429,16 @@ class World(ABC):
         """
         del stored, size, where
         if wanted:
-            raise MissingDependencyError(
-                f"trials in {self.facts.title} have no images, because this world cannot render recorded states"
-            )
+            raise _no_photos(self)
         return iter(())
+
+
+def require_photos(world: World) -> None:
+    """Raise MissingDependencyError if a world does not define :meth:`World.photos`."""
+    if type(world).photos is World.photos:
+        raise _no_photos(world)
+
+
+def _no_photos(world: World) -> MissingDependencyError:
+    problem = "have no images, because this world cannot render recorded states"
+    return MissingDependencyError(f"trials in {world.facts.title} {problem}")

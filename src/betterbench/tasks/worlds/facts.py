@@ -70,6 +70,11 @@ class WorldFacts:
     measured: bool = False
     statements: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def judges_causes(self) -> bool:
+        """Whether the causes of failures are judged, and not only the outcome of each trial."""
+        return self.reading != "outcomes"
+
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
         return asdict(self)
@@ -147,6 +152,11 @@ def facts_of_task(task: str) -> WorldFacts:
     """
     base = task.rpartition("-")[0]
     return next((facts for facts in known_facts().values() if base and base in facts.suites), OURS)
+
+
+def outcomes_note(title: str) -> str:
+    """Return the note on a world in which the causes of failures are not judged."""
+    return f"In {title}, only the end of each trial is judged, not the cause of a failure."
 
 
 def facts_of_plan(plan: Mapping[str, Any], *, where: str) -> WorldFacts:
