@@ -11,6 +11,7 @@ import errno
 import inspect
 import os
 import re
+import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -322,6 +323,26 @@ def require_parameters(where: str, name: str, function: Callable[..., object], p
     except TypeError as error:
         problem = f"{name} must be callable as {name}({parameters}) ({error})"
         raise InvalidInputError(where, problem, "Correct its parameters") from None
+
+
+def registering_place() -> str:
+    """Return the file and the line at which an extension calls the register function that calls this function."""
+    frame = sys._getframe(2)
+    return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
+
+
+def name_taken(what: str, before: str, here: str) -> InvalidInputError:
+    """Create the error for a name that is registered twice.
+
+    It names both places, because the file that is read last is not always the new one.
+
+    Args:
+        what: Kind and name, such as "relation 'inside'".
+        before: Place that registered the name first (see :func:`registering_place`).
+        here: Place that registers the name again.
+    """
+    cure = "Change the name at one of the two places"
+    return InvalidInputError(f"{before}, and {here}", f"both register the {what}", cure)
 
 
 @contextmanager
