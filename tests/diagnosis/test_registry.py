@@ -47,7 +47,7 @@ def test_a_name_is_registered_once_and_unknown_names_are_refused():
         new_label("early_halt", Kind.REASONING)
     with pytest.raises(InvalidInputError, match="early_halt"):
         FailureMode(Label.EARLY_HALT, "halt", "It stops.")(lambda _: None)
-    with pytest.raises(ValueError, match="halt_time"):
+    with pytest.raises(InvalidInputError, match=r"thresholds\.py, .*test_registry\.py, .*threshold 'halt_time'"):
         threshold("halt_time", 2.0, "s", "Again.")
     with pytest.raises(UnknownNameError, match="Did you mean 'early_halt'"):
         Label("early_hlat")

@@ -95,8 +95,8 @@ def test_a_name_that_is_taken_names_both_files(tmp_path):
     with pytest.raises(BetterError) as caught:
         load_task_files([file])
     assert re.fullmatch(
-        rf"\S+/relations/inside\.py, line \d+, and {re.escape(str(file))}, line 4: both register the relation 'inside'\. "
-        r"Change the name at one of the two places\.",
+        rf"\S+/relations/inside\.py, line \d+, and {re.escape(str(file))}, line 4: "
+        r"both register the relation 'inside'\. Change the name at one of the two places\.",
         str(caught.value),
     )
 

@@ -1,0 +1,82 @@
+"""Mistakes in files that are added to a folder of the package are one line that names the files.
+
+The files are added to a copy of the package, which processes of their own import.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import betterbench
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory) -> Path:
+    """Return the folder of a copy of the package, in which links replace the files."""
+    copy = tmp_path_factory.mktemp("copy") / "betterbench"
+    for root, _, names in os.walk(betterbench.__path__[0]):
+        folder = copy / Path(root).relative_to(betterbench.__path__[0])
+        folder.mkdir()
+        for name in names:
+            (folder / name).symlink_to(Path(root) / name)
+    return copy
+
+
+@pytest.fixture
+def better(package):
+    """Return a function that adds a file to the copy and returns the message of a command that fails."""
+    added = []
+
+    def run(name: str, source: str, *words: str) -> str:
+        added.append(package / name)
+        added[-1].write_text(source, encoding="utf-8")
+        environment = {**os.environ, "PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+        command = [sys.executable, "-m", "betterbench.cli", *words]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 2, done.stderr
+        assert "Traceback" not in done.stderr
+        return " ".join(done.stderr.split())
+
+    yield run
+    for file in added:
+        file.unlink()
+
+
+MODE = """from betterbench.diagnosis.authoring import *
+
+PUT = new_label("put_back", Kind.REASONING, after=Label.EARLY_HALT)
+{threshold}
+
+@FailureMode(PUT, short="put back", definition="It is put back.", conclusion="It puts objects back.")
+def _find(trial):
+    {body}
+"""
+
+
+@pytest.mark.parametrize(
+    ("threshold", "body", "text"),
+    [
+        (
+            "threshold('hover_time', 0.5, 's', 'Why.', 'Larger: more put_back.')",
+            "return None",
+            r"\S+/tasks/thresholds\.py, line \d+, and \S+/modes/put_back\.py, line 4: both register the threshold "
+            r"'hover_time'\. Change the name at one of the two places\.",
+        ),
+        (
+            "threshold('put_back_radius', '0.5', 'm', 'Why.')",
+            "return None",
+            r"\S+/modes/put_back\.py, line 4: .*'put_back_radius' must be a finite number, got '0\.5'\. Correct the",
+        ),
+        ("RADIUS = 0.5 m", "return None", r"\S+/modes/put_back\.py, line 4: SyntaxError: invalid syntax\. Correct the"),
+    ],
+    ids=["taken", "number", "syntax"],
+)
+def test_a_mistake_in_the_file_of_a_failure_mode_names_the_file(better, threshold, body, text):
+    said = better("diagnosis/modes/put_back.py", MODE.format(threshold=threshold, body=body), "diagnose", "runs/none")
+    assert re.match(f"error: {text}", said), said
