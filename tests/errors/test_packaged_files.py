@@ -65,8 +65,7 @@ def _find(trial):
         (
             "threshold('hover_time', 0.5, 's', 'Why.', 'Larger: more put_back.')",
             "return None",
-            r"\S+/tasks/thresholds\.py, line \d+, and \S+/modes/put_back\.py, line 4: both register the threshold "
-            r"'hover_time'\. Change the name at one of the two places\.",
+            r"\S+/tasks/thresholds\.py, line \d+, and \S+/modes/put_back\.py, line 4: both register the threshold",
         ),
         (
             "threshold('put_back_radius', '0.5', 'm', 'Why.')",
