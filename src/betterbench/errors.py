@@ -17,7 +17,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol, TextIO, TypeVar
+from typing import NamedTuple, Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
 """Maximum number of characters that a message quotes from an external text by default."""
@@ -325,13 +325,24 @@ def require_parameters(where: str, name: str, function: Callable[..., object], p
         raise InvalidInputError(where, problem, "Correct its parameters") from None
 
 
-def registering_place() -> str:
-    """Return the file and the line at which an extension calls the register function that calls this function."""
+class Place(NamedTuple):
+    """Place in a file at which an extension registers a name."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        """Return the place as errors show it."""
+        return f"{self.file}, line {self.line}"
+
+
+def registering_place() -> Place:
+    """Return the place at which an extension calls the register function that calls this function."""
     frame = sys._getframe(2)
-    return f"{frame.f_code.co_filename}, line {frame.f_lineno}"
+    return Place(frame.f_code.co_filename, frame.f_lineno)
 
 
-def name_taken(what: str, before: str, here: str) -> InvalidInputError:
+def name_taken(what: str, before: Place, here: Place) -> InvalidInputError:
     """Create the error for a name that is registered twice.
 
     It names both places, because the file that is read last is not always the new one.

@@ -79,3 +79,56 @@ def _find(trial):
 def test_a_mistake_in_the_file_of_a_failure_mode_names_the_file(better, threshold, body, text):
     said = better("diagnosis/modes/put_back.py", MODE.format(threshold=threshold, body=body), "diagnose", "runs/none")
     assert re.match(f"error: {text}", said), said
+
+
+TASK = """from betterbench.tasks import authoring as a
+
+BLOCK, CAN = a.item("block"), a.item("can")
+LEFT, RIGHT = a.Slot("left", 0.50, 0.20), a.Slot("right", 0.50, -0.20)
+BOX = a.container("box", category="lunchbox")
+MIDDLE = a.Slot("middle", 0.55, 0.00)
+
+@a.task
+def {name}():
+    '''Pack the block.'''
+    return a.Task(
+        {fields}
+        title="Block",
+        template=a.LOOSE_PACKING,
+        slots=(LEFT, RIGHT, MIDDLE),
+        training=a.conditions(
+            [{{BLOCK: LEFT, CAN: RIGHT, BOX: MIDDLE}}],
+            [a.Instruction("Pack the block.", a.packed("pack", BOX, BLOCK))],
+        ),
+        variations=(a.Variation("{variation}", (a.swap(BLOCK, CAN),), "exchanged", "It can."),),
+    )
+"""
+
+
+@pytest.mark.parametrize("name", ["a_block.py", "zz_block.py"])
+def test_a_task_whose_name_is_taken_names_both_files(better, name):
+    """The task that was read last replaced the other one without a message."""
+    source = TASK.format(name="fruit_lunch", fields="version=1,", variation="L1")
+    said = better(f"tasks/suite/{name}", source, "list", "tasks")
+    places = sorted([rf"\S+/tasks/suite/{name}, line 8", r"\S+/tasks/suite/fruit_lunch\.py, line \d+"])
+    text = r"both register the task 'fruit_lunch'\. Change the name at one of the two places\."
+    assert re.fullmatch(rf"error: {places[0]}, and {places[1]}: {text}", said), said
+
+
+@pytest.mark.parametrize(
+    ("fields", "variation", "text"),
+    [
+        ("", "L1", r", line 11: TypeError: .*missing 1 required .*'version'\. Correct the file\."),
+        (
+            "version=1,",
+            "L/1",
+            r": task zz_block: variations\[0\]\.name: 'L/1' cannot be a name\. Use up to 100 letters, .*",
+        ),
+        ("version=1", "L1", r", line \d+: SyntaxError: .*\. Correct the file\."),
+    ],
+    ids=["version", "variation", "syntax"],
+)
+def test_a_mistake_in_the_file_of_a_task_names_the_file(better, fields, variation, text):
+    source = TASK.format(name="zz_block", fields=fields, variation=variation)
+    said = better("tasks/suite/zz_block.py", source, "list", "variations", "--tasks", "zz_block")
+    assert re.fullmatch(rf"error: \S+/tasks/suite/zz_block\.py{text}", said), said

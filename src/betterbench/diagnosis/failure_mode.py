@@ -12,7 +12,7 @@ from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
-from betterbench.errors import InvalidInputError, one_line, registering_place
+from betterbench.errors import InvalidInputError, Place, one_line, registering_place
 from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 from betterbench.tasks.user_files import registered
@@ -112,7 +112,7 @@ class FailureMode:
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 
-def _checked(find: Finder, label: Label, here: str) -> Finder:
+def _checked(find: Finder, label: Label, here: Place) -> Finder:
     """Return the finder with a check of its result. Errors name the place at which its failure mode is registered."""
 
     @functools.wraps(find)
@@ -121,7 +121,7 @@ def _checked(find: Finder, label: Label, here: str) -> Finder:
         if found is None or isinstance(found, Evidence):
             return found
         problem = f"the finder of {label} returned {one_line(repr(found), most=80)}, not Evidence or None"
-        raise InvalidInputError(here, problem, "Return trial.episode.evidence(rule, text, ...), or None")
+        raise InvalidInputError(str(here), problem, "Return trial.episode.evidence(rule, text, ...), or None")
 
     return checked
 

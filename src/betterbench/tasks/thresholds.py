@@ -9,7 +9,7 @@ failure mode defines its own thresholds.
 import math
 from dataclasses import dataclass
 
-from betterbench.errors import name_taken, registering_place
+from betterbench.errors import Place, name_taken, registering_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Threshold:
 
 
 _TABLE: dict[str, Threshold] = {}
-_REGISTERED_AT: dict[str, str] = {}
+_REGISTERED_AT: dict[str, Place] = {}
 
 
 def threshold(name: str, value: float, unit: str, reason: str, effect: str = "", *, listed: bool = True) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import (
     InvalidInputError,
+    Place,
     PlanningError,
     UnknownNameError,
     find_named,
@@ -146,7 +147,7 @@ class Relation:
 RELATIONS: dict[str, Relation] = {}
 """All relations by name."""
 
-_REGISTERED_AT: dict[str, str] = {}
+_REGISTERED_AT: dict[str, Place] = {}
 
 
 def register(relation: Relation) -> Relation:
@@ -248,9 +249,10 @@ def single(test: Callable[[WorldState, str, str], bool]) -> Where:
     Raises:
         InvalidInputError: If the test is not a function of a state, an object and a target.
     """
-    if not callable(test):
+    given: object = test
+    if not callable(given):
         advice = "Pass the name of the test, without parentheses"
-        raise InvalidInputError("single(test)", f"the test is not a function, but {test!r}", advice)
+        raise InvalidInputError("single(test)", f"the test is not a function, but {given!r}", advice)
     require_parameters(f"single({getattr(test, '__name__', 'test')})", "test", test, _FUNCTIONS["where"][0])
 
     def where(state: WorldState, name: str, target: str) -> str | None:
