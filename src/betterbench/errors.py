@@ -357,8 +357,12 @@ def name_taken(what: str, before: Place, here: Place) -> InvalidInputError:
 
 
 @contextmanager
-def errors_explained(path: str) -> Iterator[None]:
+def errors_explained(path: str, *, keep: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Context manager that adds the file and the line to an error raised in a user's file.
+
+    Args:
+        path: Path of the file.
+        keep: Types of errors that are raised unchanged.
 
     Raises:
         InvalidInputError: If the file raises an error.
@@ -366,7 +370,7 @@ def errors_explained(path: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if isinstance(error, InvalidInputError) and path in error.where:
+        if isinstance(error, keep) or (isinstance(error, InvalidInputError) and path in error.where):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
         line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]

@@ -132,3 +132,19 @@ def test_a_mistake_in_the_file_of_a_task_names_the_file(better, fields, variatio
     source = TASK.format(name="zz_block", fields=fields, variation=variation)
     said = better("tasks/suite/zz_block.py", source, "list", "variations", "--tasks", "zz_block")
     assert re.fullmatch(rf"error: \S+/tasks/suite/zz_block\.py{text}", said), said
+
+
+KIND = """from betterbench.policies.kinds.authoring import *
+
+def _make(address):
+    return {"left": 1}[address.target]
+
+FORM = AddressForm(scheme="toy", example="toy:SIDE")
+register(PolicyKind(form=FORM, shown="toy:SIDE", summary="A toy.", needs=AT_ONCE, make=_make))
+"""
+
+
+def test_an_error_in_the_code_of_a_policy_kind_names_the_file(better):
+    said = better("policies/kinds/toy.py", KIND, "doctor", "--policy", "toy:right")
+    text = r"\S+/policies/kinds/toy\.py, line 4: KeyError: 'right'\. Correct the file\."
+    assert re.fullmatch(f"error: {text}", said), said
