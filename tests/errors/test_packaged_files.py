@@ -134,6 +134,34 @@ def test_a_mistake_in_the_file_of_a_task_names_the_file(better, fields, variatio
     assert re.fullmatch(rf"error: \S+/tasks/suite/zz_block\.py{text}", said), said
 
 
+RELATION = """from betterbench.tasks.relations.authoring import *
+
+def there(state, name, target):
+    return True
+
+def goals(state, name, target, region):
+    return ()
+
+register(
+    Relation(
+        name="inside",
+        words="{object} is inside {target}",
+        where=single(there),
+        regions=offers("inside"),
+        needs=("inside",),
+        goals=goals,
+    )
+)
+"""
+
+
+def test_a_relation_whose_name_is_taken_names_both_files(better):
+    """The file that was read first took the name, so the message named the shipped file alone."""
+    said = better("tasks/relations/a_inside.py", RELATION, "list", "tasks")
+    text = r"\S+/relations/a_inside\.py, line 9, and \S+/relations/inside\.py, line \d+: both register "
+    assert re.fullmatch(rf"error: {text}the relation 'inside'\. Change the name at one of the two places\.", said), said
+
+
 KIND = """from betterbench.policies.kinds.authoring import *
 
 def _make(address):
