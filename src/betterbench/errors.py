@@ -11,12 +11,13 @@ import errno
 import inspect
 import os
 import re
+import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol, TextIO, TypeVar
+from typing import NamedTuple, Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
 """Maximum number of characters that a message quotes from an external text by default."""
@@ -324,9 +325,44 @@ def require_parameters(where: str, name: str, function: Callable[..., object], p
         raise InvalidInputError(where, problem, "Correct its parameters") from None
 
 
+class Place(NamedTuple):
+    """Place in a file at which an extension registers a name."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        """Return the place as errors show it."""
+        return f"{self.file}, line {self.line}"
+
+
+def registering_place() -> Place:
+    """Return the place at which an extension calls the register function that calls this function."""
+    frame = sys._getframe(2)
+    return Place(frame.f_code.co_filename, frame.f_lineno)
+
+
+def name_taken(what: str, before: Place, here: Place) -> InvalidInputError:
+    """Create the error for a name that is registered twice.
+
+    It names both places, because the file that is read last is not always the new one.
+
+    Args:
+        what: Kind and name, such as "relation 'inside'".
+        before: Place that registered the name first (see :func:`registering_place`).
+        here: Place that registers the name again.
+    """
+    cure = "Change the name at one of the two places"
+    return InvalidInputError(f"{before}, and {here}", f"both register the {what}", cure)
+
+
 @contextmanager
-def errors_explained(path: str) -> Iterator[None]:
+def errors_explained(path: str, *, keep: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Context manager that adds the file and the line to an error raised in a user's file.
+
+    Args:
+        path: Path of the file.
+        keep: Types of errors that are raised unchanged.
 
     Raises:
         InvalidInputError: If the file raises an error.
@@ -334,7 +370,7 @@ def errors_explained(path: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if isinstance(error, InvalidInputError) and path in error.where:
+        if isinstance(error, keep) or (isinstance(error, InvalidInputError) and path in error.where):
             raise
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
         line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]

@@ -5,14 +5,17 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
-from betterbench.diagnosis.failure_mode import FailureMode
+from betterbench.diagnosis.failure_mode import FailureMode, remove_mode
 from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.verdict import Evidence
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.tasks import THRESHOLDS, Kind, Label, all_labels, new_label, threshold
+from betterbench.tasks import THRESHOLDS, Kind, Label, all_labels, new_label, remove_label, threshold
+from betterbench.tasks.user_files import VARIABLE, load_task_files
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,10 +50,47 @@ def test_a_name_is_registered_once_and_unknown_names_are_refused():
         new_label("early_halt", Kind.REASONING)
     with pytest.raises(InvalidInputError, match="early_halt"):
         FailureMode(Label.EARLY_HALT, "halt", "It stops.")(lambda _: None)
-    with pytest.raises(ValueError, match="halt_time"):
+    with pytest.raises(InvalidInputError, match=r"thresholds\.py, .*test_registry\.py, .*threshold 'halt_time'"):
         threshold("halt_time", 2.0, "s", "Again.")
     with pytest.raises(UnknownNameError, match="Did you mean 'early_halt'"):
         Label("early_hlat")
+
+
+FINDER = """from betterbench.diagnosis.authoring import *
+
+@FailureMode(new_label("limp", Kind.REASONING), short="limp", definition="It limps.", conclusion="It limps.")
+def find(trial):
+    return trial
+"""
+
+
+@pytest.mark.parametrize("how", ["in the package", "own file"])
+@pytest.mark.parametrize("found", [True, "It limps.", [Evidence("limp", "It limps.", 0.0, 1.0)]])
+def test_a_finder_that_returns_no_evidence_is_named(tmp_path, monkeypatch, how, found):
+    file = tmp_path / "limp.py"
+    file.write_text(FINDER)
+    if how == "own file":
+        monkeypatch.setenv(VARIABLE, "")
+        for name in ("_files", "_origins", "_makers"):
+            monkeypatch.setattr(f"betterbench.tasks.user_files.{name}", {})
+        load_task_files([file])
+    else:
+        runpy.run_path(str(file), run_name="betterbench.diagnosis.modes.limp")
+    label = Label("limp")
+    try:
+        find = MODES[label].find
+    finally:
+        remove_mode(label)
+        remove_label(label)
+    right = Evidence("limp", "It limps.", 0.0, 1.0)
+    assert find(right) is right
+    assert find(None) is None
+    with pytest.raises(InvalidInputError) as caught:
+        find(found)
+    assert re.match(
+        rf"{re.escape(str(file))}, line 3: the finder of limp returned \S.*, not Evidence", str(caught.value)
+    )
+    assert str(caught.value).endswith("or None. Return trial.episode.evidence(rule, text, ...), or None.")
 
 
 def entered(tree: ast.Module) -> dict[str, str]:

@@ -86,6 +86,44 @@ def test_a_test_that_was_not_made_single_is_named_when_it_first_holds(at_reset, 
         wrong.where(state, "fries", "box")
 
 
+def test_a_name_that_is_taken_names_both_files(tmp_path):
+    file = tmp_path / "a_inside.py"
+    file.write_text(
+        "from dataclasses import replace\nfrom betterbench.tasks.relations.authoring import *\n\n"
+        "register(replace(relation('inside')))\n"
+    )
+    with pytest.raises(BetterError) as caught:
+        load_task_files([file])
+    assert re.fullmatch(
+        rf"\S+/relations/inside\.py, line \d+, and {re.escape(str(file))}, line 4: "
+        r"both register the relation 'inside'\. Change the name at one of the two places\.",
+        str(caught.value),
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "text"),
+    [
+        (
+            "single(lambda state, name: True)",
+            "single(<lambda>): test must be callable as test(state, object, target) (too many positional arguments)",
+        ),
+        (
+            "def near(state, name, target, far): ...\nsingle(near)",
+            "single(near): test must be callable as test(state, object, target)",
+        ),
+        ("single(True)", "single(test): the test is not a function, but True. Pass the name of the test, without"),
+    ],
+)
+def test_a_wrong_test_in_single_is_named_when_the_file_is_loaded(tmp_path, source, text):
+    file = tmp_path / "perched.py"
+    file.write_text(f"from betterbench.tasks.relations.authoring import *\n{source}\n")
+    line = len(source.splitlines()) + 1
+    with pytest.raises(BetterError, match=re.escape(f"{file}, line {line}: ")) as caught:
+        load_task_files([file])
+    assert text in str(caught.value)
+
+
 @pytest.mark.parametrize("value", ["0.02", None, True, float("nan")])
 def test_a_threshold_must_be_a_number(value):
     known = {entry.name for entry in threshold_table()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +12,7 @@ from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, Place, one_line, registering_place
 from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 from betterbench.tasks.user_files import registered
@@ -90,7 +91,7 @@ class FailureMode:
             raise InvalidInputError(
                 "failure mode", f"{self.label} is already registered", "Register the failure mode with a new label"
             )
-        find = registered("failure mode", self.label.value, find, _MODES)
+        find = registered("failure mode", self.label.value, _checked(find, self.label, registering_place()), _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()
         _MODES.update((label, known[label]) for label in all_labels() if label in known)
@@ -109,6 +110,20 @@ class FailureMode:
     def family(self) -> str:
         """Group of the label: "right", "reasoning", "execution" or "system". It determines the color in figures."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
+
+
+def _checked(find: Finder, label: Label, here: Place) -> Finder:
+    """Return the finder with a check of its result. Errors name the place at which its failure mode is registered."""
+
+    @functools.wraps(find)
+    def checked(trial: TrialView) -> Evidence | None:
+        found: object = find(trial)
+        if found is None or isinstance(found, Evidence):
+            return found
+        problem = f"the finder of {label} returned {one_line(repr(found), most=80)}, not Evidence or None"
+        raise InvalidInputError(str(here), problem, "Return trial.episode.evidence(rule, text, ...), or None")
+
+    return checked
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:

@@ -9,6 +9,8 @@ failure mode defines its own thresholds.
 import math
 from dataclasses import dataclass
 
+from betterbench.errors import Place, name_taken, registering_place
+
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
@@ -32,6 +34,7 @@ class Threshold:
 
 
 _TABLE: dict[str, Threshold] = {}
+_REGISTERED_AT: dict[str, Place] = {}
 
 
 def threshold(name: str, value: float, unit: str, reason: str, effect: str = "", *, listed: bool = True) -> float:
@@ -48,14 +51,17 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
             judged by different rules. Set this to True when the value is changed.
 
     Raises:
-        ValueError: If there is already a threshold with this name.
+        InvalidInputError: If there is already a threshold with this name. The message names both places.
+        ValueError: If the value is not a finite number.
     """
+    here = registering_place()
     if name in _TABLE:
-        raise ValueError(f"the threshold {name!r} already exists")
+        raise name_taken(f"threshold {name!r}", _REGISTERED_AT[name], here)
     given: object = value
     if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
         raise ValueError(f"the value of the threshold {name!r} must be a finite number, got {given!r}")
     _TABLE[name] = Threshold(name, value, unit, reason, effect, listed)
+    _REGISTERED_AT[name] = here
     return value
 
 

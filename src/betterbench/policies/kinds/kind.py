@@ -11,7 +11,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
-from betterbench.errors import InvalidInputError, UnknownNameError, require_parameters
+from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, errors_explained, require_parameters
 from betterbench.interface.policy import PolicyInfo, require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 
@@ -274,7 +274,7 @@ class PolicyKind:
 KINDS: dict[str, PolicyKind] = {}
 """All registered policy kinds, by name."""
 
-_DEFINED_IN: dict[str, str] = {}
+_DEFINED_IN: dict[str, Path] = {}
 
 
 def register(kind: PolicyKind) -> PolicyKind:
@@ -285,7 +285,7 @@ def register(kind: PolicyKind) -> PolicyKind:
             address of the kind, or if the function that makes the policies is missing.
     """
     if kind.name in KINDS:
-        place = f", in {_DEFINED_IN[kind.name]}" if kind.name in _DEFINED_IN else ""
+        place = f", in {_shown(_DEFINED_IN[kind.name])}" if kind.name in _DEFINED_IN else ""
         raise ValueError(f"another policy kind has the name {kind.name!r}{place}. Choose another scheme")
     if not re.fullmatch(r"\w[\w.+-]*", kind.name):
         raise ValueError(f"scheme {kind.name!r} must be one word, such as sway")
@@ -312,12 +312,16 @@ def _require_complete(kind: PolicyKind) -> None:
         raise ValueError(f"{where}: make is missing. Pass the function that returns a policy for an address")
 
 
-def _registering_file() -> str:
-    """Return the file that registers a kind, as a path in the package or as a file name."""
+def _registering_file() -> Path:
+    """Return the path of the file that registers a kind."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_name != "<module>":
         frame = frame.f_back
-    path = Path("" if frame is None else frame.f_code.co_filename)
+    return Path("" if frame is None else frame.f_code.co_filename)
+
+
+def _shown(path: Path) -> str:
+    """Return a path in the package, or a file name, for messages."""
     package = Path(__file__).parents[3]
     return path.relative_to(package).as_posix() if path.is_relative_to(package) else path.name
 
@@ -403,7 +407,10 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     read = kind.parse(address, world=world)
     if kind.make is None:
         raise read.error("this policy can only be created for the scene of one episode", "Evaluate it with better eval")
-    made = kind.make(read)
+    needs = kind.needs if isinstance(kind.needs, PolicyNeeds) else kind.needs(read)
+    keep = Exception if needs.process else BetterError  # a policy's process describes errors of the user's code
+    with errors_explained(str(_DEFINED_IN[kind.name]), keep=(keep, OSError)):
+        made = kind.make(read)
     _require_present(made, read)
     require_policy(made, f"policy {read}")
     return made

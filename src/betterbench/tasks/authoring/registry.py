@@ -10,15 +10,24 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import (
+    InvalidInputError,
+    Place,
+    UnknownNameError,
+    errors_explained,
+    name_taken,
+    registering_place,
+)
 from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.readable import require_readable
 from betterbench.tasks.authoring.regimes import ListedRegime, named_regimes
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.suite_folder import is_suite_folder, read_suite_folder
-from betterbench.tasks.user_files import load_declared, load_task_files, registered
+from betterbench.tasks.user_files import explaining, load_declared, load_task_files, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
+_REGISTERED_AT: dict[str, tuple[str, Place]] = {}
+"""Module and place that registered each task."""
 _REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 
 
@@ -28,15 +37,19 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     Raises:
         InvalidInputError: If another file has registered a task of the same name.
     """
-    name = build.__name__
+    name, module, here = build.__name__, build.__module__, registering_place()
     explained = registered("task", name, build, _BUILDERS)
+    own = explained is not build  # a user's file, whose names registered() has checked
+    if not own and name in _BUILDERS and module != _REGISTERED_AT[name][0]:
+        raise name_taken(f"task {name!r}", _REGISTERED_AT[name][1], here)
 
     @functools.cache
     def complete() -> Task:
-        made = explained()
-        return named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
+        with explaining("task", name) if own else errors_explained(here.file):
+            made = explained()
+            return named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
 
-    _BUILDERS[name] = functools.wraps(build)(complete)
+    _BUILDERS[name], _REGISTERED_AT[name] = functools.wraps(build)(complete), (module, here)
     return _BUILDERS[name]
 
 

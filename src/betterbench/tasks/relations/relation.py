@@ -4,7 +4,16 @@ import string
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from betterbench.errors import InvalidInputError, PlanningError, UnknownNameError, find_named, require_parameters
+from betterbench.errors import (
+    InvalidInputError,
+    Place,
+    PlanningError,
+    UnknownNameError,
+    find_named,
+    name_taken,
+    registering_place,
+    require_parameters,
+)
 from betterbench.geometry import Pose, Vector
 from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.rest import on_floor
@@ -138,6 +147,8 @@ class Relation:
 RELATIONS: dict[str, Relation] = {}
 """All relations by name."""
 
+_REGISTERED_AT: dict[str, Place] = {}
+
 
 def register(relation: Relation) -> Relation:
     """Add a relation to the registry, and return the registered relation.
@@ -146,16 +157,17 @@ def register(relation: Relation) -> Relation:
     the floor is not at any target. This rule is implemented only here.
 
     Raises:
-        ValueError: If there is already a relation with this name.
-        InvalidInputError: If a field has an invalid value.
+        InvalidInputError: If there is already a relation with this name, or a field has an invalid value.
         UnknownNameError: If a tolerance is not the name of a threshold.
     """
+    here = registering_place()
     if relation.name in RELATIONS:
-        raise ValueError(f"the relation {relation.name!r} already exists: {RELATIONS[relation.name].words}")
+        raise name_taken(f"relation {relation.name!r}", _REGISTERED_AT[relation.name], here)
     _require_complete(relation)
     loosely = None if relation.loosely is None else _on_the_table(relation.loosely, relation.name)
     relation = replace(relation, where=_on_the_table(relation.where, relation.name), loosely=loosely)
     RELATIONS[relation.name] = relation
+    _REGISTERED_AT[relation.name] = here
     return relation
 
 
@@ -232,7 +244,16 @@ def relation(name: str) -> Relation:
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:
-    """Convert a test with a boolean result to the ``where`` function of a relation with single-region targets."""
+    """Convert a test with a boolean result to the ``where`` function of a relation with single-region targets.
+
+    Raises:
+        InvalidInputError: If the test is not a function of a state, an object and a target.
+    """
+    given: object = test
+    if not callable(given):
+        advice = "Pass the name of the test, without parentheses"
+        raise InvalidInputError("single(test)", f"the test is not a function, but {given!r}", advice)
+    require_parameters(f"single({getattr(test, '__name__', 'test')})", "test", test, _FUNCTIONS["where"][0])
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None

@@ -2,6 +2,10 @@
 
 import importlib
 import pkgutil
+from pathlib import Path
+
+from betterbench.errors import errors_explained
 
 for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
+        importlib.import_module(f"{__name__}.{_module.name}")
