@@ -95,6 +95,20 @@ def raised_at(problem: BaseException) -> str:
     return ""
 
 
+def place_of(owner: object, method: str) -> str:
+    """Return a method of an extension with its file, such as "PointScene.views (point.py, line 12)".
+
+    The line is left out if the class of ``owner`` inherits the method from betterbench.
+    """
+    kind = type(owner)
+    own = getattr(getattr(owner, method, None), "__code__", None)
+    for code in (own, *(getattr(member, "__code__", None) for member in vars(kind).values())):
+        if code is not None and not Path(code.co_filename).is_relative_to(_OURS):
+            line = f", line {code.co_firstlineno}" if code is own else ""
+            return f"{kind.__name__}.{method} ({Path(code.co_filename).name}{line})"
+    return f"{kind.__name__}.{method}"
+
+
 def described(problem: BaseException) -> str:
     """Describe an exception from user code in one line: its type, its message and its location."""
     place = raised_at(problem)

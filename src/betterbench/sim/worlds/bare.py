@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, place_of
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
@@ -201,7 +201,7 @@ class BareTracker:
         self._scene = scene
         found: object = scene.relations()
         if not isinstance(found, Mapping):
-            where = f"{type(scene).__name__}.relations"
+            where = place_of(scene, "relations")
             cure = "Return a dict from the name of each relation to whether it holds"
             raise InvalidInputError(where, f"it returned {found!r:.60}", cure)
         self.relation_names = self.subgoal_names = tuple(found)
