@@ -16,6 +16,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
@@ -103,8 +104,8 @@ def place_of(owner: object, method: str) -> str:
     kind = type(owner)
     own = getattr(getattr(owner, method, None), "__code__", None)
     for code in (own, *(getattr(member, "__code__", None) for member in vars(kind).values())):
-        if code is not None and not Path(code.co_filename).is_relative_to(_OURS):
-            line = f", line {code.co_firstlineno}" if code is own else ""
+        if isinstance(code, CodeType) and not Path(code.co_filename).is_relative_to(_OURS):
+            line = f", line {code.co_firstlineno}" if code == own else ""
             return f"{kind.__name__}.{method} ({Path(code.co_filename).name}{line})"
     return f"{kind.__name__}.{method}"
 

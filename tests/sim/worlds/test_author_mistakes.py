@@ -94,6 +94,9 @@ SUITE = re.search(r"Suite\(\n.*?\n +\)", WORLD, re.DOTALL).group()
         (SUITE, SUITE.replace('base="point"', 'base="boat"'), "suite 'point'.*base.*'boat'"),
         (SUITE, SUITE.replace('name="point", base="point"', 'name="dot", base="point"'), "suite 'point'.*key.*'dot'"),
         (SUITE, '"a mark on the left"', "suite 'point'.*a str.*Suite"),
+        ('{"default": "state_only",', '{"default": "defualt",', "observation preset 'defualt'.*Did you mean 'default'"),
+        ("    def plan(", '    action_spaces: ClassVar = ("ee_dleta",)\n\n    def plan(',
+         "action space 'ee_dleta'.*Did you mean 'ee_delta'"),
     ],
 )  # fmt: skip
 def test_a_mistake_in_the_facts_is_one_error_with_file_and_line(load, old, new, message):
@@ -115,6 +118,18 @@ def test_a_trial_of_a_wrong_form_is_refused_before_the_run(load, old, new, messa
         make_world_plan("noop", suite="point")
 
 
+@pytest.mark.parametrize("base", ['"bas"', "None"])
+def test_the_base_condition_of_a_variation_is_a_training_condition(load, base):
+    varied = f'[replace(t, condition="far", variation="far", base_condition={base}) for t in trials]'
+    path = load(
+        ("from dataclasses import dataclass", "from dataclasses import dataclass, replace"),
+        ("return tuple(trials), self", f"return (*trials, *{varied}), self"),
+    )
+    found = rf"base_condition \(a training condition of point-left\) '{base.strip(chr(34))}'.*Known: base"
+    with pytest.raises(InvalidInputError, match=rf"{re.escape(str(path))}: Unknown {found}"):
+        make_world_plan("noop", suite="point")
+
+
 WHOLE = """    def relations(self):
         \"\"\"Return whether the gripper is at the mark.\"\"\"
 """
@@ -129,6 +144,14 @@ WHOLE = """    def relations(self):
         ("self.hand = np.zeros(3)", "self.hant = np.zeros(3)", r"PointScene\.start: self\.hand is missing.*\(3,\)"),
         ("away_m, 0.0]])", "away_m, 0.0]] * 2)", r"start: self\.positions has shape \(2, 3\).*\(1, 3\)"),
         ("away_m, 0.0]])", "away_m, np.nan]])", r"start: self\.positions.*finite"),
+        (" < 0.03)}", " < 0.03) or None}",
+         r"PointScene\.relations \(point\.py, line \d+\): the value of 'at\(hand, mark\)' is None.*True or False"),
+        (" < 0.03)}", " < 0.03)} if self._step > 99 else {}", r"PointScene\.relations .*it returned \{\}.*True or False"),
+        (" < 0.03)}", " < 0.03)} if self._step < 1 else {'near': True}",
+         r"PointScene\.relations .*it returned the relations \('near',\), but at the start \('at\(.*Return the same"),
+        ("self.hand = np.zeros(3)", "self.hand = np.random.default_rng().uniform(size=3)",
+         r"PointScene\.start \(point\.py, line \d+\): two starts of one trial differ.*stream\("),
+        ("return PointScene(", "PointScene(", r"PointWorld\.open_scene \(point\.py, line \d+\): it returned None"),
         ("self.task.id, self.seed", "self.tusk.id, self.seed", r"AttributeError.*tusk.*point\.py, line \d+, in start"),
     ],
 )  # fmt: skip
