@@ -229,7 +229,7 @@ def test_wrong_images_are_errors_of_the_world_and_not_of_the_policy(load, capfd,
     cure = r"Return a dict with a value Images\(rgb, None, None\) for 'front', where rgb has shape \(256, 256, 3\) and"
     expected = rf"PointScene\.views \(point\.py, line \d+\): [^.]*{problem}.*{cure} dtype uint8"
     assert re.search(expected, " ".join(said.err.split()))
-    assert "broken      1 trials" in said.out
+    assert "broken      1 trial " in said.out
     assert "error of the policy" not in said.out
     assert {e.status for e in RunFolder.open(path.parent / "run").entries()} == {"error"}
 
@@ -250,3 +250,11 @@ def test_the_example_of_the_page_with_images_is_seen_by_a_policy(load, capfd):
     )
     assert look(path, "--tasks", "point-left", "point-right", "--trials", "2") == 0
     assert "100.0 % success (4/4" in capfd.readouterr().out
+
+
+def test_a_mistake_in_a_file_is_corrected_in_a_new_folder(load, capfd):
+    load(("self.task.id, self.seed", "self.tusk.id, self.seed"))
+    assert main(["eval", *LOOKING[:-2], "--task-file", "point.py", "--policy", "noop", "--out", "run"]) == 2
+    said = capfd.readouterr().out
+    assert "broken      1 trial could not be run; running the command again repeats it" in said
+    assert "If the mistake is in point.py, correct the file and choose a new folder with --out" in said
