@@ -17,6 +17,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 from typing import NamedTuple, Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
@@ -94,6 +95,20 @@ def raised_at(problem: BaseException) -> str:
         inside = f", in {function}" if function and not function.startswith("<") else ""
         return f"{Path(name).name}, line {line}{inside}"
     return ""
+
+
+def place_of(owner: object, method: str) -> str:
+    """Return a method of an extension with its file, such as "PointScene.views (point.py, line 12)".
+
+    The line is left out if the class of ``owner`` inherits the method from betterbench.
+    """
+    kind = type(owner)
+    own = getattr(getattr(owner, method, None), "__code__", None)
+    for code in (own, *(getattr(member, "__code__", None) for member in vars(kind).values())):
+        if isinstance(code, CodeType) and not Path(code.co_filename).is_relative_to(_OURS):
+            line = f", line {code.co_firstlineno}" if code == own else ""
+            return f"{kind.__name__}.{method} ({Path(code.co_filename).name}{line})"
+    return f"{kind.__name__}.{method}"
 
 
 def described(problem: BaseException) -> str:

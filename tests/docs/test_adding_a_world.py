@@ -35,7 +35,7 @@ from betterbench.tasks.worlds.facts import Suite, WorldFacts
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "adding-a-world.md").read_text(encoding="utf-8")
-WORLD, POLICY = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+WORLD, POLICY, _ = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 (COMMANDS,) = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
 
 

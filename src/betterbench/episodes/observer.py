@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from betterbench.errors import InvalidInputError, place_of
 from betterbench.interface import Observation, ObservationSpec
 from betterbench.interface.state import WorldState
 from betterbench.sim.scenes.rendering import Images, Renderers
@@ -41,6 +42,39 @@ def observation_of(
     )
 
 
+def _require_images(views: object, spec: ObservationSpec, scene: TrialScene) -> None:
+    """Check that there is one image of each camera. Wrong images are a mistake of the world, not of the policy."""
+    for camera in spec.cameras:
+        shape = (camera.height, camera.width, 3)
+        problem = _problem_of(views, camera.name, shape)
+        if problem:
+            name = camera.name
+            cure = f"Return a dict with a value Images(rgb, None, None) for {name!r}, where rgb has shape {shape} and "
+            cure += "dtype uint8"
+            if not views:
+                without = {"default": "state_only", "state_only": "state_only"}
+                cure += f", or set observations of the world to {without} for policies without images"
+            raise InvalidInputError(place_of(scene, "views"), problem, cure)
+
+
+def _problem_of(views: object, name: str, shape: tuple[int, ...]) -> str | None:
+    """Return the difference of a camera's image from the expected form, or None if there is none."""
+    if not isinstance(views, Mapping):
+        return f"it returned {views!r:.60}"
+    if name not in views:
+        found = ", ".join(map(repr, views))
+        return f"it returned no image of camera {name!r}" + (f", but of {found:.120}" if found else "")
+    view = views[name]
+    if not isinstance(view, Images):
+        return f"its value for {name!r} is a {type(view).__name__}"
+    rgb: object = view.rgb
+    if not isinstance(rgb, np.ndarray):
+        return f"its image for {name!r} has the rgb {rgb!r:.60}"
+    if rgb.shape != shape:
+        return f"its image for {name!r} has shape {rgb.shape}"
+    return None if rgb.dtype == np.uint8 else f"its image for {name!r} has dtype {rgb.dtype}"
+
+
 class Observer:
     """Creator of observations, which renders images and combines them with the robot state.
 
@@ -55,9 +89,15 @@ class Observer:
     def look(self, scene: TrialScene) -> Views:
         """Render the current state, and return the images by camera name.
 
-        Raises MissingDependencyError if off-screen OpenGL does not work.
+        Raises:
+            InvalidInputError: If the images of the scene have another form than the observation preset.
+            MissingDependencyError: If off-screen OpenGL does not work.
         """
-        return scene.views(self.spec, self._renderers) if self.spec.cameras else {}
+        if not self.spec.cameras:
+            return {}
+        views = scene.views(self.spec, self._renderers)
+        _require_images(views, self.spec, scene)
+        return views
 
     def observe(self, scene: TrialScene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return the observation of a scene in a state.

@@ -515,7 +515,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     """
     from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
-    from betterbench.tasks.user_files import options_for
+    from betterbench.tasks.user_files import options_for, origins_of
 
     decided = _decided(run, plan)
     counts = run_counts(run, seeds=None if decided is None else decided.first_seeds)
@@ -542,7 +542,13 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         )
     broken = counts["errors"]["k"]
     if broken:
-        OUT.print(f"broken      {broken} trials could not be run; running the command again repeats them", markup=False)
+        counted, them = ("1 trial", "it") if broken == 1 else (f"{broken} trials", "them")
+        cure = f"running the command again repeats {them}"
+        theirs = origins_of({t.task for t in plan.trials}, worlds=(plan.world.name,)).get("task_files", ())
+        if theirs:  # a run cannot be resumed with a changed file
+            names = " or ".join(dict.fromkeys(file["name"] for file in theirs))
+            cure += f". If the mistake is in {names}, correct the file and choose a new folder with --out"
+        OUT.print(f"broken      {counted} could not be run; {cure}", markup=False, soft_wrap=not OUT.is_terminal)
     failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"

@@ -107,7 +107,15 @@ def _require_plan(world: World, asked: PlanRequest, found: object) -> None:
     if not isinstance(found[0], tuple | list) or not all(isinstance(trial, Trial) for trial in found[0]):
         raise InvalidInputError(where, "the first item that it returned is not a tuple of Trial", "Return such a tuple")
     suite = world.facts.suites.get(asked.suite)
+    training: dict[str, dict[str, None]] = {}  # conditions of each task, in order
     for trial in found[0]:
+        if trial.variation is None:
+            training.setdefault(trial.task, {})[trial.condition] = None
+    for trial in found[0]:
+        known = training.get(trial.task, {})  # a suite may have variations only
+        if trial.variation is not None and known and trial.base_condition not in known:
+            kind = f"base_condition (a training condition of {trial.task})"
+            raise UnknownNameError(kind, str(trial.base_condition), known)
         if trial.expected not in tuple(Expected):
             raise InvalidInputError(
                 where,

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING
 from betterbench.episodes import EpisodeResult, Observer, Question, Reply, TrialContext, episode_steps, run_episode
 from betterbench.errors import (
     HandshakeError,
+    InvalidInputError,
     PolicyKilledError,
     PolicyUnavailableError,
     PremiseError,
     StorageError,
     described,
     encodable,
+    place_of,
 )
 from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo, observation_spec
@@ -269,6 +271,9 @@ class TrialRunner:
             depth=spec.depth,
             options=SceneOptions(settings.quality, settings.robot, settings.looks),
         )
+        if not hasattr(scene, "reset"):
+            where = place_of(settings.world, "open_scene")
+            raise InvalidInputError(where, f"it returned {scene!r:.60}", "Return the scene of the trial")
         context = TrialContext(
             policy=settings.policy,
             variation=trial.variation,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, place_of
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
@@ -28,6 +28,9 @@ OPENING_M = 0.08
 """Distance between the finger pads that is reported by a world without a gripper [m]."""
 
 _JOINTS = 7
+
+_STARTED: set[type] = set()
+"""Classes of scenes that have reached the same start twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +100,8 @@ class BareScene(ABC):
         self._step, self._gripper_command = 0, -1.0
         self.start()
         self._require_positions()
+        if type(self) not in _STARTED:
+            self._require_same_start()
         self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
         return self.state()
 
@@ -113,6 +118,16 @@ class BareScene(ABC):
                 raise InvalidInputError(where, f"self.{name} has shape {given.shape}", cure)
             if not np.issubdtype(given.dtype, np.number) or not np.isfinite(given).all():
                 raise InvalidInputError(where, f"self.{name} is not finite", cure)
+
+    def _require_same_start(self) -> None:
+        """Check that :meth:`start` goes to the same state again. One trial per process is checked."""
+        before = self.simulator_state()
+        self.start()
+        after = self.simulator_state()
+        if any(not np.array_equal(before[name], after[name]) for name in before):
+            cure = 'Draw random numbers from stream(self.task.id, self.seed, "PURPOSE"), and set all values anew'
+            raise InvalidInputError(place_of(self, "start"), "two starts of one trial differ", cure)
+        _STARTED.add(type(self))
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Execute an action for one control step, and return the action after clipping."""
@@ -199,18 +214,33 @@ class BareTracker:
     def __init__(self, scene: BareScene) -> None:
         """Start judging an episode. The scene must already have been reset."""
         self._scene = scene
-        found: object = scene.relations()
-        if not isinstance(found, Mapping):
-            where = f"{type(scene).__name__}.relations"
-            cure = "Return a dict from the name of each relation to whether it holds"
-            raise InvalidInputError(where, f"it returned {found!r:.60}", cure)
-        self.relation_names = self.subgoal_names = tuple(found)
+        self.relation_names = self.subgoal_names = tuple(self._relations())
 
     def update(self, state: WorldState) -> Truth:
         """Return which relations hold in the current state of the scene. The argument ``state`` is not used."""
         del state
-        holds = tuple(self._scene.relations().values())
+        found = self._relations()
+        if tuple(found) != self.relation_names:
+            problem = f"it returned the relations {tuple(found)}, but at the start {self.relation_names}"
+            cure = "Return the same relations in the same order at each state"
+            raise InvalidInputError(place_of(self._scene, "relations"), problem, cure)
+        holds = tuple(map(bool, found.values()))
         return Truth(holds, holds, in_order=True, goal=all(holds), forbidden=False, success=all(holds))
+
+    def _relations(self) -> Mapping[str, bool]:
+        """Return the relations of the scene after checking their form."""
+        found: object = self._scene.relations()
+        problem = None
+        if not isinstance(found, Mapping) or not found:
+            problem = f"it returned {found!r:.60}"
+        else:
+            wrong = [name for name, holds in found.items() if not isinstance(holds, bool | np.bool_)]
+            if wrong:
+                problem = f"the value of {wrong[0]!r} is {found[wrong[0]]!r:.60}"
+        if problem is not None:
+            cure = "Return a dict from the name of each relation to whether it holds (True or False)"
+            raise InvalidInputError(place_of(self._scene, "relations"), problem, cure)
+        return found  # type: ignore[return-value]
 
 
 def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) -> ObjectInfo:

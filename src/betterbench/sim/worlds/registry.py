@@ -14,6 +14,8 @@ from dataclasses import fields, replace
 from typing import Any, TypeVar, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import action_space
 from betterbench.sim.worlds.world import World
 from betterbench.tasks.user_files import TaskFile, code_of, load_declared, load_sources, loaded_files, registered
 from betterbench.tasks.worlds.facts import (
@@ -37,7 +39,8 @@ def register_world(world: AnyWorld) -> AnyWorld:
 
     Raises:
         InvalidInputError: If the name of the world or of one of its suites is already used, or if the facts are wrong.
-        UnknownNameError: If the facts contain an unknown ``reading``.
+        UnknownNameError: If the facts contain an unknown ``reading``, or the world an unknown observation preset or
+            action space.
     """
     given: object = world
     if isinstance(given, type):
@@ -61,6 +64,10 @@ def _require_facts(world: World) -> None:
         raise InvalidInputError(where, f"they are a {type(facts).__name__}", "Set facts to an instance of WorldFacts")
     if facts.reading not in get_args(Reading):
         raise UnknownNameError("reading", str(facts.reading), get_args(Reading))
+    for preset in world.observations.values():
+        observation_spec(preset)
+    for space in world.action_spaces:
+        action_space(space)
     for key, suite in facts.suites.items():
         place = f"{where}, suite {key!r}"
         if not isinstance(suite, Suite):
