@@ -7,10 +7,11 @@ registry.
 import dataclasses
 import functools
 import inspect
+import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 from betterbench.tasks.authoring.no_test import require_no_test
 from betterbench.tasks.authoring.readable import require_readable
 from betterbench.tasks.authoring.regimes import ListedRegime, named_regimes
@@ -25,6 +26,8 @@ _REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
     """Register a function that returns a task, under the function's name. This is used as a decorator.
 
+    The function that it returns raises InvalidInputError if a training condition does not follow the task's template.
+
     Raises:
         InvalidInputError: If another file has registered a task of the same name.
     """
@@ -34,7 +37,9 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     @functools.cache
     def complete() -> Task:
         made = explained()
-        return named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
+        whole = named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
+        _require_pattern(whole, inspect.unwrap(build).__code__)
+        return whole
 
     _BUILDERS[name] = functools.wraps(build)(complete)
     return _BUILDERS[name]
@@ -54,6 +59,16 @@ def named_task(made: Task, name: str, description: str) -> Task:
     require_readable(whole)
     require_no_test(whole)
     return whole
+
+
+def _require_pattern(whole: Task, code: types.CodeType) -> None:
+    """Check that the training conditions of a task follow its template; ``code`` is the code that makes the task."""
+    for i, condition in enumerate(whole.training):
+        problems = whole.template.problems(condition)
+        if problems:
+            where = f"{code.co_filename}, line {code.co_firstlineno}, task {whole.id}: training[{i}]"
+            cure = f"Follow the template {whole.template.name}, or give the task a template whose `groups` allow this"
+            raise InvalidInputError(where, one_line("; ".join(problems), most=400), cure)
 
 
 @contextmanager
