@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.docs.copies import attempt, copy_checkout, run
+from tests.docs.copies import ROOT, attempt, copy_checkout, run
 
 from betterbench.cli.main import main
 from betterbench.evaluation import evaluate, make_plan
@@ -59,6 +61,27 @@ def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
     applied = run.read_record(entry.task, entry.condition, entry.seed).applied[1:]
     steps = np.arange(len(applied))
     np.testing.assert_allclose(applied[:, 1], -0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
+
+
+def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
+    """In another process: its workers get the file too."""
+    assert "`--task-file sway.py`" in PAGE
+    (tmp_path / "sway.py").write_text(FILE, encoding="utf-8")
+    (point, *_) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "adding-a-world.md").read_text(), flags=re.DOTALL)
+    (tmp_path / "point.py").write_text(point, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
+
+    def better(*words: str) -> str:
+        command = [sys.executable, "-m", "betterbench.cli", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    assert "sway:AXIS" in better("list", "policies", "--task-file", "sway.py")
+    files = ("--task-file", "point.py", "--task-file", "sway.py")
+    better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--out", "run")
+    better("report", "run", "--task-file", "point.py")  # a report does not need the file of the policy
+    assert "sway:y" in (tmp_path / "run" / "report" / "index.html").read_text(encoding="utf-8")
 
 
 def test_the_contract_tests_pass_with_the_file_of_the_page_in_its_folder(tmp_path):
