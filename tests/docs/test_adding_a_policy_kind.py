@@ -80,7 +80,7 @@ def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
     assert "sway:AXIS" in better("list", "policies", "--task-file", "sway.py")
     files = ("--task-file", "point.py", "--task-file", "sway.py")
     better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--out", "run")
-    better("report", "run", "--task-file", "point.py")  # a report does not need the file of the policy
+    better("report", "run", *files)
     assert "sway:y" in (tmp_path / "run" / "report" / "index.html").read_text(encoding="utf-8")
 
 
