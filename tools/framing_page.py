@@ -78,7 +78,9 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 f"The table gives the worst value over all training conditions and variations and the seeds {SEEDS[0]} "
-                f"to {SEEDS[-1]}. `tests/sim/scenes/test_framing.py` checks the limits."
+                f"to {SEEDS[-1]}. `tests/sim/scenes/test_framing.py` checks the limits. For every registered task, "
+                "`tests/sim/scenes/test_named_in_view.py` checks that each object and target of an instruction covers "
+                "at least 150 pixels at seed 0."
             ),
             "",
             f"| {' | '.join(HEADINGS)} |",

@@ -133,5 +133,11 @@ def test_labels_are_values_and_no_texts(package):
         nodes = list(ast.walk(ast.parse(path.read_text())))
         calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
         made = [call.args[0] for call in calls if call.func.id == "new_label"]  # where a mode makes its own label
-        typed = {node.value for node in nodes if isinstance(node, ast.Constant) and node not in made}
-        assert not names & {text for text in typed if isinstance(text, str)}, path
+        typed = [node for node in nodes if isinstance(node, ast.Constant) and node not in made]
+        found = [
+            f"{path.relative_to(ROOT)}, line {n.lineno}: {n.value!r}"
+            for n in typed
+            if isinstance(n.value, str) and n.value in names
+        ]
+        cure = "Use Label.NAME, or the constant of new_label(...); as `short`, use another word than the label"
+        assert not found, f"{found[0]} repeats the name of a label. {cure}"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.docs.copies import copy_checkout, run
+from tests.docs.copies import ROOT, attempt, copy_checkout, run
 
 from betterbench.cli.main import main
 from betterbench.evaluation import evaluate, make_plan
@@ -61,15 +63,47 @@ def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
     np.testing.assert_allclose(applied[:, 1], -0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
 
 
+def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
+    """In another process: its workers get the file too."""
+    assert "`--task-file sway.py`" in PAGE
+    (tmp_path / "sway.py").write_text(FILE, encoding="utf-8")
+    (point, *_) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "adding-a-world.md").read_text(), flags=re.DOTALL)
+    (tmp_path / "point.py").write_text(point, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
+
+    def better(*words: str) -> str:
+        command = [sys.executable, "-m", "betterbench.cli", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    assert "sway:AXIS" in better("list", "policies", "--task-file", "sway.py")
+    files = ("--task-file", "point.py", "--task-file", "sway.py")
+    better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--out", "run")
+    better("report", "run", *files)
+    assert "sway:y" in (tmp_path / "run" / "report" / "index.html").read_text(encoding="utf-8")
+
+
 def test_the_contract_tests_pass_with_the_file_of_the_page_in_its_folder(tmp_path):
     place = "src/betterbench/policies/kinds/sway.py"
     assert place in PAGE
     checkout = copy_checkout(tmp_path, {place: FILE})
-    names = "from betterbench.policies.kinds import KINDS; print(list(KINDS))"
-    both = f"import sys, pytest; {names}; sys.exit(pytest.main(sys.argv[1:]))"
-    said = run(checkout, "-c", both, "-q", "-p", "no:cacheprovider", "tests/policies/test_kinds.py")
-    assert "'sway'" in said.splitlines()[0]
-    assert "passed" in said
+    said = run(checkout, "-m", "pytest", "-v", "-p", "no:cacheprovider", "tests/policies/test_kinds.py")
+    for law in ("each_file_of_the_folder_registers_a_kind", "the_names_of_runs_know_which_policies_are_built_in"):
+        assert f"test_{law} PASSED" in said
+    run(checkout, "-c", "from betterbench.policies.kinds import KINDS; assert 'sway' in KINDS")
+
+
+def test_files_that_would_be_ignored_are_named_by_the_contract_tests(tmp_path):
+    folder = "src/betterbench/policies/kinds"
+    named = FILE.replace('scheme="sway"', "scheme=SCHEME").replace("AXES = (", 'SCHEME = "sway"\nAXES = (')
+    idle = FILE.replace("SWAY = register(", "SWAY = (").replace("sway", "idle")
+    checkout = copy_checkout(tmp_path, {f"{folder}/sway.py": named, f"{folder}/idle.py": idle})
+    laws = ("-k", "registers_a_kind or word_is_a_literal")
+    done = attempt(checkout, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/policies/test_kinds.py", *laws)
+    assert "AssertionError: betterbench/policies/kinds/idle.py registers nothing. Call register" in done.stdout
+    assert "betterbench/policies/kinds/sway.py: the first word of kind 'sway' is not a literal. Write" in done.stdout
+    assert "2 failed" in done.stdout
 
 
 def test_each_field_of_a_kind_is_explained():

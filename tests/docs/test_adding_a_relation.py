@@ -6,7 +6,7 @@ import json
 import re
 
 import pytest
-from tests.docs.copies import ROOT, copy_checkout, run
+from tests.docs.copies import ROOT, attempt, copy_checkout, run
 from tests.docs.test_docs import blocks
 
 from betterbench.tasks.relations import Relation
@@ -67,8 +67,30 @@ def test_the_names_and_the_template_of_the_page_are_found(checkout):
 
 @pytest.mark.slow
 def test_all_tests_of_relations_and_tasks_pass_with_the_files_of_the_page(checkout):
-    (command,) = (line for block in blocks(PAGE, "sh") for line in block.splitlines() if "pytest" in line)
-    run(checkout, *command.split()[1:], "-p", "no:cacheprovider")
+    commands = [line for block in blocks(PAGE, "sh") for line in block.splitlines() if "pytest" in line]
+    assert len(commands) == 2
+    for command in commands:
+        run(checkout, *command.split()[1:], "-p", "no:cacheprovider")
+
+
+def test_a_task_with_other_numbers_of_objects_needs_groups_of_its_own(checkout):
+    """As the page says: without `groups` it is one error with the file, and with the groups of the page it is made."""
+    ((groups, unpacked),) = re.findall(r"`(groups=\(.*?)` after `(.*?)`", " ".join(PAGE.read_text().split()))
+    _, task, *_ = blocks(PAGE, "python")
+    two = task.replace('CAN = a.fixture("can")', 'CAN, BIN = a.fixture("can"), a.fixture("second", category="can")')
+    two = two.replace("MIDDLE = a.Slot(", 'BACK = a.Slot("back", 0.70, 0.0)\nMIDDLE = a.Slot(')
+    two = two.replace("CAN: MIDDLE}", "CAN: MIDDLE, BIN: BACK}").replace("RIGHT, MIDDLE)", "RIGHT, MIDDLE, BACK)")
+    two = two.replace("block_on_can", "between_cans").replace('name="perching"', 'name="between"')
+    (checkout / "two.py").write_text(two)
+    words = ("-m", "betterbench.cli", "list", "templates", "--task-file", "two.py")
+    failed = attempt(checkout, *words)
+    said = " ".join(failed.stderr.split())
+    assert failed.returncode == 2, failed.stdout + failed.stderr
+    assert re.search(r"two\.py, line \d+, task between_cans: training\[0\]", said), said
+    assert "group 'fixture' (role 'fixture') has 2 objects, not 1" in said
+    two = two.replace("    relation=PERCHED.name,", f"    relation=PERCHED.name,\n    {groups},")
+    (checkout / "two.py").write_text(two.replace("PERCHING = ", f"{unpacked}\nPERCHING = "))
+    assert "between_cans" in run(checkout, *words)
 
 
 def test_each_field_of_a_relation_is_explained():

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
+import re
 
 import pytest
 from tests.looping import each
 
 from betterbench.errors import InvalidInputError
 from betterbench.tasks import TEMPLATES, THRESHOLDS, Expected, ObjectSpec, all_tasks, get_task
+from betterbench.tasks.authoring import registry
 from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import RELATIONS
 
+CHEESEBURGER = get_task("cheeseburger")
 CONDITIONS = [c for t in all_tasks() for c in (*t.training, *(vary(t, v)[0] for v in t.variations))]
 
 
@@ -32,11 +36,28 @@ def test_what_does_not_follow_the_pattern_is_named():
     task = get_task("cheeseburger")
     condition = task.training[0]
     two = condition.with_(objects=(*condition.objects, ObjectSpec("tray", "tray", "place_plate", role="container")))
-    assert "group 'base' has 2 objects" in " ".join(task.template.problems(two))
+    assert "group 'base' (role 'container') has 2 objects, not 1" in " ".join(task.template.problems(two))
     drawer = condition.with_(objects=(*condition.objects, ObjectSpec("d", "d", "upper_drawer", role="drawer")))
     assert "role 'drawer'" in " ".join(task.template.problems(drawer))
     food = get_task("fast_food").training[0]
     assert "uses 'inside'" in " ".join(task.template.problems(condition.with_(instruction=food.instruction)))
+
+
+def test_a_task_whose_training_does_not_follow_its_pattern_is_refused_when_it_is_made(monkeypatch):
+    monkeypatch.setattr(registry, "_BUILDERS", {})
+    first, *others = CHEESEBURGER.training
+    two = first.with_(objects=(*first.objects, ObjectSpec("tray", "tray", "place_plate", role="container")))
+
+    @registry.task
+    def two_bases():
+        return dataclasses.replace(CHEESEBURGER, training=(two, *others))
+
+    with pytest.raises(InvalidInputError) as caught:
+        two_bases()
+    where, line = re.escape(__file__), r"line \d+"
+    said = r"task two_bases: training\[0\]: group 'base' \(role 'container'\) has 2 objects, not 1"
+    cure = r"Follow the template logical_assembly, or give the task a template whose `groups` allow this"
+    assert re.fullmatch(f"{where}, {line}, {said}\\. {cure}\\.?", str(caught.value)), str(caught.value)
 
 
 @each("template", TEMPLATES.values(), lambda t: t.name)

@@ -51,6 +51,16 @@ def test_a_misspelt_task_is_unknown_in_the_example_of_the_page(load):
     assert {t.task for t in planned.trials} == {"point-right"}
 
 
+def test_variations_are_not_chosen_in_another_world_and_the_message_says_what_is(load, capfd):
+    path = load()
+    words = ["--task-file", str(path), "--suite", "point", "--policy", "noop", "--out", "run"]
+    assert main(["eval", *words, "--variations", "L1"]) == 2
+    said = " ".join(capfd.readouterr().err.split())
+    assert "--variations: the option applies only to betterbench's own scenes, not to the suite point." in said
+    assert "Leave out --variations, and choose trials with --tasks, --trials and --seed." in said
+    assert not Path("run").exists()
+
+
 LAX = ("tasks = asked.chosen(SIDES)", "tasks = [task for task in SIDES if not asked.tasks or task in asked.tasks]")
 
 

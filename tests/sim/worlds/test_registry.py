@@ -53,6 +53,36 @@ def test_all_worlds_are_found_and_ours_comes_first():
         world_named("libero_pluss")
 
 
+def world_files_that_register_nothing(folder: Path) -> list[str]:
+    """Returns a sentence for each file or folder that looks like a world and is found under no name.
+
+    A world is a folder whose ``__init__`` registers a world with the folder's name. A single file is never imported.
+    """
+    found, cure = [], "registers nothing. Make it a folder whose __init__.py calls register_world"
+    for path in sorted(folder.glob("*.py")):
+        if path.name != "registry.py" and re.search(r"\bregister_world\(", path.read_text(encoding="utf-8")):
+            found.append(f"sim/worlds/{path.name} {cure} (docs/adding-a-world.md)")
+    for path in sorted(folder.glob("*/__init__.py")):
+        if not re.search(r"\bregister_world\(", path.read_text(encoding="utf-8")):
+            name = path.parent.name
+            cure = f"Call register_world with the world {name!r} there (docs/adding-a-world.md)"
+            found.append(f"sim/worlds/{name}/__init__.py registers nothing. {cure}")
+    return found
+
+
+def test_every_file_of_a_world_registers_it():
+    assert world_files_that_register_nothing(SOURCES / "sim" / "worlds") == []
+
+
+def test_a_world_in_a_single_file_and_a_folder_without_a_world_are_named(tmp_path):
+    for name, text in (("press.py", "register_world(Press())\n"), ("helper.py", ""), ("push/__init__.py", "")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    single, folder = world_files_that_register_nothing(tmp_path)
+    assert single.startswith("sim/worlds/press.py registers nothing. Make it a folder")
+    assert folder.startswith("sim/worlds/push/__init__.py registers nothing. Call register_world with the world 'push'")
+
+
 def test_our_world_has_the_control_rate_of_our_scenes():
     """The world names no module of the simulator, which a list of suites would import."""
     assert OWN_WORLD.control_rate_hz == CONTROL_RATE_HZ

@@ -39,7 +39,7 @@ class TrialOptions:
     Attributes:
         suite: Suite that contains the tasks (see `better list suites`); LIBERO and CALVIN suites run in those worlds.
         tasks: Tasks to run; default: all tasks in the suite.
-        variations: Variations to run; default: all.
+        variations: Variations to run; default: all. Only for betterbench's own scenes.
         trials: Trials per variation, default 20. In LIBERO: initial states per task, default from the protocol. In
             CALVIN: number of chains, default 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
@@ -296,7 +296,7 @@ def _plan(
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
-    """Return the plan for a LIBERO, LIBERO-Plus or CALVIN suite."""
+    """Return the plan for a suite of a world other than betterbench's own scenes."""
     from betterbench.evaluation.planning.world_plan import make_world_plan
 
     if from_run is not None:
@@ -307,8 +307,8 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
         raise InvalidInputError("--policy", "no policy is given", "Pass the address of a policy")
     _refuse_changed(
         replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
-        f"the option does not apply to {chosen.suite}",
-        "Leave out {option}",
+        f"the option applies only to betterbench's own scenes, not to the suite {chosen.suite}",
+        "Leave out {option}, and choose trials with --tasks, --trials and --seed",
     )
     return make_world_plan(
         policy,

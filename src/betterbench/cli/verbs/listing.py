@@ -41,7 +41,8 @@ def list_command(
             OUT.print(f"better worlds install {absent[0]}", markup=False)
     elif what == "templates":
         print_listing(
-            [*columns[:2], ""], [[name, title, f"{said} Tasks: {tasks}."] for name, title, tasks, said in rows]
+            [*columns[:2], ""],
+            [[name, title, f"{said} Objects: {counts}. Tasks: {tasks}."] for name, title, tasks, said, counts in rows],
         )
     elif what == "variations":
         print_table(["variation", *columns[2:]], [[name, *rest] for name, _, *rest in rows])
@@ -87,8 +88,11 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
         ]
     if what == "templates":
         own = {task.template.name: task.template for task in tasks if task.template.name not in TEMPLATES}
-        return ["template", "title", "tasks", "challenge"], [
-            [t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge]
+        return ["template", "title", "tasks", "challenge", "objects"], [
+            [
+                *(t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge),
+                ", ".join(f"{group.counts} {group.group_id}" for group in t.groups),
+            ]
             for t in (*TEMPLATES.values(), *own.values())
         ]
     return ["variation", "axis", "from", "expected", "support", "what changes"], [

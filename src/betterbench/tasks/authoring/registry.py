@@ -7,6 +7,7 @@ registry.
 import dataclasses
 import functools
 import inspect
+import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
@@ -16,6 +17,7 @@ from betterbench.errors import (
     UnknownNameError,
     errors_explained,
     name_taken,
+    one_line,
     registering_place,
 )
 from betterbench.tasks.authoring.no_test import require_no_test
@@ -34,6 +36,8 @@ _REGIME_SOURCES: list[Callable[[str], Mapping[str, ListedRegime]]] = []
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
     """Register a function that returns a task, under the function's name. This is used as a decorator.
 
+    The function that it returns raises InvalidInputError if a training condition does not follow the task's template.
+
     Raises:
         InvalidInputError: If another file has registered a task of the same name.
     """
@@ -47,7 +51,9 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     def complete() -> Task:
         with explaining("task", name) if own else errors_explained(here.file):
             made = explained()
-            return named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
+            whole = named_task(made, name, (inspect.getdoc(build) or made.title).partition("\n")[0])
+        _require_pattern(whole, inspect.unwrap(build).__code__)
+        return whole
 
     _BUILDERS[name], _REGISTERED_AT[name] = functools.wraps(build)(complete), (module, here)
     return _BUILDERS[name]
@@ -67,6 +73,16 @@ def named_task(made: Task, name: str, description: str) -> Task:
     require_readable(whole)
     require_no_test(whole)
     return whole
+
+
+def _require_pattern(whole: Task, code: types.CodeType) -> None:
+    """Check that the training conditions of a task follow its template; ``code`` is the code that makes the task."""
+    for i, condition in enumerate(whole.training):
+        problems = whole.template.problems(condition)
+        if problems:
+            where = f"{code.co_filename}, line {code.co_firstlineno}, task {whole.id}: training[{i}]"
+            cure = f"Follow the template {whole.template.name}, or give the task a template whose `groups` allow this"
+            raise InvalidInputError(where, one_line("; ".join(problems), most=400), cure)
 
 
 @contextmanager

@@ -35,6 +35,12 @@ class ObjectGroup:
     count_range: tuple[int, int]
     role: Role
 
+    @property
+    def counts(self) -> str:
+        """The allowed numbers of objects as a text ("1" or "2 to 4")."""
+        low, high = self.count_range
+        return str(low) if low == high else f"{low} to {high}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
@@ -131,7 +137,8 @@ class Template(Meta, Protocol):
             if condition.premise_broken and group.role == "item":
                 low = 0  # with a broken premise, objects named in the instruction may be missing
             if not low <= count <= high:
-                found.append(f"group {group.group_id!r} has {count} objects, not {low} to {high}")
+                one = "1 object" if count == 1 else f"{count} objects"
+                found.append(f"group {group.group_id!r} (role {group.role!r}) has {one}, not {group.counts}")
         roles = {g.role for g in self.groups}
         strays = (o for o in condition.objects if o.role not in roles)
         found += [f"{o.name} has the role {o.role!r}, for which there is no group" for o in strays]
