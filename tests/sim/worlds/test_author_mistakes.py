@@ -180,7 +180,7 @@ def test_a_mistake_in_the_scene_is_the_message_of_its_trial(load, capfd, old, ne
 VIEWS = """
     def views(self, spec, renderers):
         \"\"\"Return the images.\"\"\"
-        from betterbench.sim.scenes.rendering import Images
+        from betterbench.sim.worlds.authoring import Images
 
         return RETURNED
 
