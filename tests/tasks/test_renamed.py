@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 
 import pytest
+from tests.kept_registry import kept_registry
 
 from betterbench.cli.main import main
 from betterbench.sim.assets import categories
@@ -81,11 +82,12 @@ def test_a_statement_is_translated(line, now):
 def test_a_file_by_earlier_names_is_loaded_with_the_hash_of_its_text(tmp_path):
     path = tmp_path / "old_task.py"
     path.write_text(OLD_TASK)
-    load_sources([TaskFile.read(path)])
-    assert "renamed_lunch" in task_names()
-    assert "renamed_mug" in categories()
-    assert get_task("renamed_lunch").id == "renamed_lunch"
-    (file,) = (f for f in origins_of(["renamed_lunch"])["task_files"] if f["name"] == "old_task.py")
+    with kept_registry():
+        load_sources([TaskFile.read(path)])
+        assert "renamed_lunch" in task_names()
+        assert "renamed_mug" in categories()
+        assert get_task("renamed_lunch").id == "renamed_lunch"
+        (file,) = (f for f in origins_of(["renamed_lunch"])["task_files"] if f["name"] == "old_task.py")
     assert file["sha256"] == hashlib.sha256(OLD_TASK.encode()).hexdigest()
 
 
