@@ -66,19 +66,19 @@ def test_each_file_of_the_folder_registers_a_kind():
     shared = {"__init__.py", "authoring.py", "kind.py", "privileged.py", "remote.py"}
     registering = set(_DEFINED_IN.values())
     for file in sorted(KINDS_FOLDER.glob("*.py")):
-        name = f"betterbench/policies/kinds/{file.name}"
         cure = "Call register(PolicyKind(...)) in this file (docs/adding-a-policy-kind.md)"
-        assert file.name in shared or name in registering, f"{name} registers nothing. {cure}"
+        found = f"betterbench/policies/kinds/{file.name} registers nothing"
+        assert file.name in shared or file in registering, f"{found}. {cure}"
 
 
 @EACH_KIND
 def test_the_first_word_is_a_literal_where_the_file_makes_the_form(kind):
     """Reports read the reserved names from the text of these files."""
-    place = _DEFINED_IN[kind.name]
-    text = (KINDS_FOLDER.parents[2] / place).read_text(encoding="utf-8") if "/" in place else ""
+    file = _DEFINED_IN[kind.name]
+    text = file.read_text(encoding="utf-8") if file.parent == KINDS_FOLDER else ""
     literal = f'scheme="{kind.name}"'
     cure = f"Write {literal} in AddressForm (docs/adding-a-policy-kind.md)"
-    found = f"{place}: the first word of kind {kind.name!r} is not a literal"
+    found = f"betterbench/policies/kinds/{file.name}: the first word of kind {kind.name!r} is not a literal"
     assert "AddressForm(" not in text or literal in text, f"{found}. {cure}"
 
 
