@@ -59,11 +59,12 @@ def modes_of(trials: Iterable[TrialDiagnosis]) -> list[FailureMode]:
     If no cause was judged, these are only the modes of the given trials.
     """
     listed = list(trials)
-    families, found = families_of(listed), {t.label for t in listed}
-    everything = judges_causes(listed)
-    if everything:
-        return [mode for mode in LEGEND.values() if mode.family in families]
-    shown = [mode for mode in LEGEND.values() if mode.family in families and mode.label in found]
+    families = families_of(listed)
+    modes = [mode for mode in LEGEND.values() if mode.family in families]
+    if judges_causes(listed):
+        return modes
+    found = {t.label for t in listed}
+    shown = (mode for mode in modes if mode.label in found)
     return [replace(mode, definition=_UNMET) if mode.label is Label.TIMEOUT else mode for mode in shown]
 
 

@@ -184,7 +184,6 @@ class Lexicon:
 
 
 @functools.cache
-@functools.cache
 def classes_of(noun: Noun) -> tuple[Noun, ...]:
     """Return the sorted classes of a noun according to the word list ("fruit" for "banana")."""
     return tuple(sorted(phrase for phrase, others in word_list().items() if noun in dict(others) and phrase != noun))
