@@ -327,7 +327,8 @@ def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", workers=2)
     assert len(killed) == 2
     assert entries(run) == dict.fromkeys(range(3), ("done", None))
-    assert {int(e.wall["worker"]) for e in run.entries()} & set(killed) == set()
+    (worker,) = (int(e.wall["worker"]) for e in run.entries() if e.seed == 1)
+    assert worker not in killed  # On a busy machine, a worker may finish another trial before it is killed.
     assert all(same_as(r, calm) for r in run.records())
 
 

@@ -36,7 +36,7 @@ from betterbench.diagnosis.measures.power_matrix import PowerMatrix
 from betterbench.errors import BetterError
 from betterbench.evaluation import check_record, evaluate
 from betterbench.evaluation.planning.repeat import repeated_plan
-from betterbench.json_form import dump_json
+from betterbench.json_form import SEAL, dump_json, sealed_form
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.presets import preset
 from betterbench.records import RunFolder, read_record
@@ -300,7 +300,7 @@ def test_mutated_certificates(tmp_path):
 def test_mutated_measurements(name, kind):
     data = resources.files("betterbench.diagnosis").joinpath("data", name).read_bytes()
     if "cells" in (whole := json.loads(data)):  # all alike, and every mutation copies and reads them
-        data = json_bytes({**whole, "cells": dict(list(whole["cells"].items())[:2])})
+        data = json_bytes(sealed_form({**whole, "cells": dict(list(whole["cells"].items())[:2])}))
         assert kind.from_json(data, where=name).cells
 
     def read(mutated):
@@ -308,10 +308,12 @@ def test_mutated_measurements(name, kind):
         form = json.loads(json.dumps(found.to_json()))
         mine = json.loads(mutated, object_pairs_hook=unique)
         mine["counts"] = form["counts"] = []  # in an order of their own
+        mine.pop(SEAL, None), form.pop(SEAL, None)
         if not agree(mine, form):
             raise WrongError("other numbers than the file has")
 
     assert attack(of_json(data), read, seed=18) == []
+    assert attack(lambda draw: mutated_sealed(data, draw), read, seed=19) == []
 
 
 def test_mutated_adapters(tmp_path):

@@ -65,19 +65,30 @@ def test_a_start_is_in_view_and_touches_nothing(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASTS if name not in SUITE])
 def test_every_condition_of_a_generated_task_is_certified(name, tmp_path):
-    """In a process of its own, because a loaded task stays registered."""
-    file = tmp_path / f"{name}.json"
+    """Like the generator, measure three times the demonstrations if a pose is outside the training distribution.
+
+    The commands run in processes of their own, because a loaded task stays registered.
+    """
+    refused = refusals(name, 36, tmp_path / "first")
+    if {clause for _, clause, _ in refused} == {"b"}:
+        refused = refusals(name, 108, tmp_path / "second")
+    assert refused == []
+
+
+def refusals(name, demonstrations, folder):
+    """Return the condition, the clause and the text of each failed clause."""
+    folder.mkdir()
+    file = folder / f"{name}.json"
     file.write_text(json.dumps(task_to_json(registered(name, f"made_{name}"))))
     common = ("--task-file", file, "--tasks", f"made_{name}", "--workers", 1, "--out")
-    better("certify", *common, tmp_path / "measured", "--demonstrations", 36)
-    found = json.loads(better("certify", *common, tmp_path / "certificate", "--trials", 1, "--json"))
-    refused = [
+    better("certify", *common, folder / "measured", "--demonstrations", demonstrations)
+    found = json.loads(better("certify", *common, folder / "certificate", "--trials", 1, "--json"))
+    return [
         (trial["condition"], clause, text["text"])
         for trial in found["trials"]
         for clause, text in trial["clauses"].items()
         if not text["passed"]
     ]
-    assert refused == []
 
 
 def better(*arguments):

@@ -289,8 +289,11 @@ def framing_faults(task: Task, condition: Condition, seed: int) -> list[str]:
     return [*found, *([f"margin {1000 * margin:.0f} mm"] if margin < MARGIN_M else [])]
 
 
-LEAST_PX = 20
-"""Least longer side of a named object; layout.SEEN_M follows from it."""
+LEAST_PX = 19
+"""Minimum longer side of a named object in the image [pixel].
+
+``measures.SEEN_M`` is chosen for 20 pixels. The outermost row or column of pixels can belong to the background.
+"""
 FIRST = [next(i for i, c in enumerate(CASTS) if c.scenario.template == name) for name in PATTERNS_HERE]
 
 
