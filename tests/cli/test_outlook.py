@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from types import SimpleNamespace
@@ -137,6 +138,7 @@ def test_resuming_says_at_once_what_is_done(tmp_path, capsys, caplog):
     assert lines[1] == "1 of 2 trials are done already; 1 is left."
     assert lines[2].startswith("1/2 trials")
     assert "morning_coffee/T1/0 is run again: " in caplog.text
+    assert not re.search("Repeat the command|Copy it again", caplog.text)
     assert record.read_bytes() == whole
     assert [kept.read_bytes() for kept in (tmp_path / "run" / "set-aside").iterdir()] == [whole[:3000]]
 
