@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.docs.copies import ROOT, attempt, copy_checkout, run
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError
@@ -23,6 +24,7 @@ from betterbench.policies.factory import check_policy
 from betterbench.policies.kinds import KINDS, PolicyKind
 from betterbench.records import RunFolder
 from betterbench.tasks import user_files
+from betterbench.tasks.trial import Trial
 
 PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-policy-kind.md").read_text(encoding="utf-8")
 FILE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
@@ -92,6 +94,7 @@ def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
 def test_a_run_in_packaged_tasks_notices_that_the_file_of_its_kind_has_changed(tmp_path, monkeypatch):
     monkeypatch.setenv(user_files.VARIABLE, "")
     monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", dict(KINDS))
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(4))
     plan = make_plan("sway:y", tasks=("fruit_lunch",), trials=1, observation="state_only")
     plan = dataclasses.replace(plan, trials=plan.trials[:1])
     file = tmp_path / "sway.py"
