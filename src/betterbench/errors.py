@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import difflib
 import errno
+import importlib
 import inspect
 import os
+import pkgutil
 import re
 import sys
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType
@@ -393,3 +395,27 @@ def errors_explained(path: str, *, keep: tuple[type[Exception], ...] = ()) -> It
         problem = text if isinstance(error, BetterError) else f"{type(error).__name__}: {text}"
         where = path if line is None else f"{path}, line {line}"
         raise InvalidInputError(where, problem, "Correct the file") from error
+
+
+def import_registering(
+    package: str, folder: str, registering: Callable[[], Iterable[Place]], cure: str, *, shared: Container[str] = ()
+) -> None:
+    """Import the files of a folder of the package, and require that each of them registers something.
+
+    Args:
+        package: Name of the package whose files are imported.
+        folder: Folder of the package.
+        registering: Function that returns the places at which names have been registered.
+        cure: Remedy for a file that registers nothing.
+        shared: Names of modules that contain only shared code.
+
+    Raises:
+        InvalidInputError: If a file raises an error or registers nothing.
+    """
+    for module in pkgutil.iter_modules([folder]):
+        path = Path(folder) / module.name
+        file = str(path / "__init__.py" if module.ispkg else path.with_suffix(".py"))
+        with errors_explained(file):
+            importlib.import_module(f"{package}.{module.name}")
+        if module.name not in shared and file not in {place.file for place in registering()}:
+            raise InvalidInputError(file, "it registers nothing", cure)

@@ -8,6 +8,8 @@ import json
 import re
 import shutil
 import sys
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -20,8 +22,8 @@ from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
 from betterbench.sim.scenes import limited
 from betterbench.sim.worlds.installation import Installation
-from betterbench.tasks import all_tasks
-from betterbench.tasks.authoring.registry import SUITES
+from betterbench.tasks import TEMPLATES, all_tasks, get_task
+from betterbench.tasks.authoring.registry import SUITES, registered_for_now
 from betterbench.tasks.trial import Trial
 
 
@@ -157,6 +159,22 @@ def test_suites_say_which_worlds_are_not_installed(capsys, monkeypatch, installe
     said = r"\nnot installed here: calvin, libero, libero_plus. To install one:\n\S+ worlds install calvin\n"
     assert bool(re.search(said, out)) is not installed
     assert len(out.splitlines()) <= 2 * len(state) + 6
+
+
+def test_templates_of_different_tasks_are_all_listed_even_with_one_name(capsys):
+    lunch = get_task("fruit_lunch")
+    packed = replace(lunch.template, name="packed")
+    slower = replace(packed, groups=tuple(replace(g, count_range=(0, 9)) for g in packed.groups))
+    mine = [("lunch_1", packed), ("lunch_2", slower), ("lunch_3", replace(packed)), ("lunch_4", lunch.template)]
+    mine += [("lunch_5", replace(slower, name=lunch.template.name))]
+    with ExitStack() as stack:
+        for name, template in mine:
+            stack.enter_context(registered_for_now(replace(lunch, id=name, template=template)))
+        _, out, _ = run(capsys, "list", "templates", "--json")
+    listed = [(row["template"], row["tasks"]) for row in json.loads(out)]
+    assert listed[-3:] == [("packed", "lunch_1, lunch_3"), ("packed", "lunch_2"), ("loose_packing", "lunch_5")]
+    assert next(tasks for name, tasks in listed if name == "loose_packing").endswith("lunch_4, tidy_desk")
+    assert len(listed) == len(TEMPLATES) + 3
 
 
 def test_variations_are_counted_by_axis(capsys):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
 from betterbench.cli.outlook import FEW, Outlook
@@ -14,7 +16,9 @@ from betterbench.cli.verbs import evaluate as module
 from betterbench.cli.verbs.evaluate import TrialOptions, _print_expert, smaller_command
 from betterbench.evaluation import Progress, make_plan
 from betterbench.evaluation.planning.power import smallest_drop_line
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 
 def trial(seed):
@@ -119,7 +123,8 @@ def test_a_task_of_the_plan_is_named_to_begin_with():
 
 
 @pytest.mark.physics
-def test_resuming_says_at_once_what_is_done(tmp_path, capsys):
+def test_resuming_says_at_once_what_is_done(tmp_path, capsys, caplog, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(24))
     words = ["eval", "--policy", "noop", "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1"]
     words += ["--observation", "state_only", "--workers", "1", "--out", str(tmp_path / "run")]
     assert main(words) == 0
@@ -128,6 +133,17 @@ def test_resuming_says_at_once_what_is_done(tmp_path, capsys):
     lines = capsys.readouterr().err.splitlines()
     assert lines[1] == "2 of 2 trials are done already; 0 are left."
     assert lines[2].startswith("2/2 trials")
+    record = RunFolder.open(tmp_path / "run").record_path("morning_coffee", "T1", 0)
+    whole = record.read_bytes()
+    record.write_bytes(whole[:-100])
+    assert main(words) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[1] == "1 of 2 trials are done already; 1 is left."
+    assert lines[2].startswith("1/2 trials")
+    assert "morning_coffee/T1/0 is run again: " in caplog.text
+    assert not re.search("Repeat the command|Copy it again", caplog.text)
+    assert record.read_bytes() == whole
+    assert [kept.read_bytes() for kept in (tmp_path / "run" / "set-aside").iterdir()] == [whole[:-100]]
 
 
 def test_an_error_of_the_experts_code_is_not_called_a_failure_without_an_obstacle(capsys):

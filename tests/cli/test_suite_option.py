@@ -11,6 +11,7 @@ import pytest
 from tests.cli.test_task_files import SERVER
 
 from betterbench.cli.main import VERBS, main
+from betterbench.errors import InvalidInputError
 from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.suite_folder import CERTIFICATE, suite_files
 
@@ -84,7 +85,7 @@ def run(better, certified, tmp_path_factory):
 
 def test_every_verb_on_tasks_takes_a_suite(capsys):
     """The others prepare assets, worlds and pages, take the tasks of their data, or have subcommands of their own."""
-    without = {"doctor", "assets", "worlds", "premise", "recipe", "mixture", "demo", "audit-paper"}
+    without = {"assets", "worlds", "premise", "recipe", "mixture", "demo", "audit-paper"}
     without |= {"generate", "build", "vlm", "real"}
     for name in VERBS:
         with pytest.raises(SystemExit):
@@ -97,6 +98,23 @@ def test_tasks_of_a_folder_are_listed_and_shown(better, suite, tmp_path):
     assert TASK in [row["task"] for row in listed]
     better("show", f"{TASK}/L1", "--suite", suite, "--out", tmp_path / "shown.png")
     assert (tmp_path / "shown.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        ((), "fast_food panda"),
+        (("--suite", "so101"), "cheeseburger_so101 so101"),
+        (("--suite", "better60", "--task", "tidy_desk"), "tidy_desk panda"),
+    ],
+)
+def test_a_policy_is_tried_in_the_first_task_of_a_suite(capsys, monkeypatch, tmp_path, words, asked):
+    def preflight(_, trial, **options):
+        raise InvalidInputError("asked", f"{trial.task} {options['robot']}", "Stop here")
+
+    monkeypatch.setattr("betterbench.evaluation.run_preflight", preflight)
+    assert main(["doctor", "--policy", "noop", *words, "--out", str(tmp_path / "sheet.png")]) == 2
+    assert f"asked: {asked}." in capsys.readouterr().err
 
 
 def test_the_certificate_in_the_folder_covers_a_run_and_its_report(better, run, certified):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import os
 import re
 import subprocess
@@ -12,12 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.docs.copies import ROOT, attempt, copy_checkout, run
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
+from betterbench.errors import RunConflictError
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.policies import kinds
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.factory import check_policy
 from betterbench.policies.kinds import KINDS, PolicyKind
+from betterbench.records import RunFolder
+from betterbench.tasks import user_files
+from betterbench.tasks.trial import Trial
 
 PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-policy-kind.md").read_text(encoding="utf-8")
 FILE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
@@ -82,6 +89,31 @@ def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
     better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--out", "run")
     better("report", "run", *files)
     assert "sway:y" in (tmp_path / "run" / "report" / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_run_in_packaged_tasks_notices_that_the_file_of_its_kind_has_changed(tmp_path, monkeypatch):
+    monkeypatch.setenv(user_files.VARIABLE, "")
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", dict(KINDS))
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(4))
+    plan = make_plan("sway:y", tasks=("fruit_lunch",), trials=1, observation="state_only")
+    plan = dataclasses.replace(plan, trials=plan.trials[:1])
+    file = tmp_path / "sway.py"
+
+    def evaluated_with(text: str, **options: bool) -> RunFolder:
+        kinds.kind.KINDS.pop("sway", None)
+        monkeypatch.setattr(user_files, "_files", {})
+        file.write_text(text, encoding="utf-8")
+        user_files.load_task_files([file])
+        return evaluate(plan, tmp_path / "run", **options)
+
+    first = evaluated_with(FILE)
+    assert first.context["policy"]["kind_file"] == f"sway.py, sha256 {hashlib.sha256(FILE.encode()).hexdigest()}"
+    assert evaluated_with(FILE).context == first.context
+    changed = FILE.replace('"amplitude", 0.5', '"amplitude", 0.4')
+    with pytest.raises(RunConflictError, match=r"policy\.kind_file was .sway\.py, sha256 .* --allow-changed-policy"):
+        evaluated_with(changed)
+    (change,) = evaluated_with(changed, allow_changed_policy=True).context["policy_changes"]
+    assert change["policy"]["kind_file"] != first.context["policy"]["kind_file"]
 
 
 def test_the_contract_tests_pass_with_the_file_of_the_page_in_its_folder(tmp_path):

@@ -132,6 +132,8 @@ def test_no_command_states_the_cause_of_a_failure_that_was_not_judged(follow, ca
     variations = rows_of(variation_table([side.diagnosis for side in sides]))
     assert [(row["reasoning"], row["execution"], row["system"]) for row in variations] == [("", "", "0")] * 4
     assert [row["k"] for row in variations] == ["4", "4", "0", "0"]
+    printed = {(t["success"], t["kind"]) for d in (goes, noop) for t in d.to_json()["trials"]}
+    assert printed == {(True, "none"), (False, None)}
     trials = rows_of(trial_table([goes, noop]))
     assert {(row["success"], row["label"], row["kind"]) for row in trials} == {
         ("true", "success", "none"), ("false", "timeout", ""),

@@ -176,3 +176,33 @@ def test_an_error_in_the_code_of_a_policy_kind_names_the_file(better):
     said = better("policies/kinds/toy.py", KIND, "doctor", "--policy", "toy:right")
     text = r"\S+/policies/kinds/toy\.py, line 4: KeyError: 'right'\. Correct the file\."
     assert re.fullmatch(f"error: {text}", said), said
+
+
+@pytest.mark.parametrize(
+    ("place", "source", "command", "cure"),
+    [
+        (
+            "diagnosis/modes/zz_put_back.py",
+            MODE.format(threshold="", body="return None").replace("@", "MODE = "),
+            "diagnose nowhere",
+            r"Decorate the function that finds the evidence with @FailureMode\(\.\.\.\)\.",
+        ),
+        (
+            "tasks/relations/zz_perched.py",
+            RELATION.replace("register(", "PERCHED = ("),
+            "list tasks",
+            r"Pass the relation to register\.",
+        ),
+        (
+            "tasks/suite/zz_block.py",
+            TASK.format(name="zz_block", fields="version=1,", variation="L1").replace("@a.task\n", ""),
+            "list tasks",
+            r"Decorate the function that returns the task with @a\.task\.",
+        ),
+    ],
+    ids=["mode", "relation", "task"],
+)
+def test_a_file_that_registers_nothing_is_named(better, place, source, command, cure):
+    """It was ignored without a message."""
+    said = better(place, source, *command.split())
+    assert re.fullmatch(rf"error: \S+/{place}: it registers nothing\. {cure}", said), said

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -91,10 +91,12 @@ class FailureMode:
             raise InvalidInputError(
                 "failure mode", f"{self.label} is already registered", "Register the failure mode with a new label"
             )
-        find = registered("failure mode", self.label.value, _checked(find, self.label, registering_place()), _MODES)
+        here = registering_place()
+        find = registered("failure mode", self.label.value, _checked(find, self.label, here), _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()
         _MODES.update((label, known[label]) for label in all_labels() if label in known)
+        _REGISTERED_AT[self.label] = here
         return find
 
     @property
@@ -145,10 +147,17 @@ _MODES: dict[Label, FailureMode] = {}
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
 """All failure modes by label, in label order. They are registered when ``diagnosis.modes`` is imported."""
 
+_REGISTERED_AT: dict[Label, Place] = {}
+
+
+def places_of_modes() -> Collection[Place]:
+    """Return the places at which failure modes have been registered."""
+    return _REGISTERED_AT.values()
+
 
 def remove_mode(label: Label) -> None:
     """Remove a registered failure mode. This is meant for tests."""
-    del _MODES[label]
+    del _MODES[label], _REGISTERED_AT[label]
 
 
 def labels_of_second_pass() -> tuple[Label, ...]:

@@ -19,6 +19,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.tasks import Expected, TrialId
 from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label
+from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds import facts
 from betterbench.tasks.worlds.libero_plus import axis_of
 from betterbench.tasks.worlds.libero_training import TrainedTask
@@ -232,9 +233,10 @@ def _by_outcomes(run: RunFolder) -> Reader:
 
 
 def _of_chains(run: RunFolder) -> Reader:
+    following = f"better compare {shell_word(run.path)}{options_for((), worlds=(run.world.name,))}"
     raise RecordError(
         f"{run.path}: a run in {run.world.title} gets no labels, because the success rules of some subtasks name no "
-        f"target. Run `better compare {shell_word(run.path)}` for the five rates, the average length and the rates "
+        f"target. Run `{following}` for the five rates, the average length and the rates "
         "per subtask."
     )
 

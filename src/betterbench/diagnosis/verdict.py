@@ -10,6 +10,7 @@ from betterbench.statistics import Rate
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
+from betterbench.tasks.worlds.facts import facts_of_task
 from betterbench.tasks.worlds.libero_plus import axis_of
 
 OUTCOME_ALONE = "outcome_alone"
@@ -149,6 +150,12 @@ class TrialDiagnosis:
         return self.label.kind
 
     @property
+    def judged_kind(self) -> str | None:
+        """Name of the kind, for tables and JSON. None for a failure in a world in which causes are not judged."""
+        of_causes = self.kind in (Kind.REASONING, Kind.EXECUTION)
+        return None if of_causes and not facts_of_task(self.task).judges_causes else self.kind.value
+
+    @property
     def trial_id(self) -> TrialId:
         """Identifier of the trial: its task, its variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
@@ -173,7 +180,7 @@ class TrialDiagnosis:
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON-serializable dict."""
-        return {**asdict(self), "label": self.label.value, "kind": self.kind.value, "key": self.key}
+        return {**asdict(self), "label": self.label.value, "kind": self.judged_kind, "key": self.key}
 
 
 @dataclass(frozen=True, slots=True)

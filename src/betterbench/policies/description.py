@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ import numpy as np
 from betterbench.errors import encodable
 from betterbench.interface import PolicyInfo
 from betterbench.json_form import parse_json
+from betterbench.policies.kinds.kind import defining_file
+from betterbench.tasks.user_files import loaded_files
 
 _MAX_DECLARED_BYTES = 1 << 18
 
@@ -31,8 +34,10 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
     """Return the description of a policy as JSON.
 
     If a metadata value contains JSON text, such as an adapter or a handshake, it is included as JSON rather than as
-    text.
+    text. If the policy kind is defined in a user's file, the description contains the file's name and SHA-256.
     """
+    place = defining_file(address)
+    own = next((file for file in loaded_files() if file.path == place), None)
     return {
         "address": address,
         "name": encodable(info.name),
@@ -41,6 +46,7 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
         "heavy": info.heavy,
         "execution": asdict(info.execution),
         "metadata": bounded({name: _document(text) for name, text in info.metadata.items()}),
+        **({} if own is None else {"kind_file": f"{Path(own.path).name}, sha256 {own.sha256}"}),
     }
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import main
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.diagnosis import diagnose_run
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.records import RunFolder
 from betterbench.sim.worlds.registry import forget_world
@@ -90,6 +91,14 @@ def test_the_next_command_loads_the_file_of_the_world(load, capfd):
     assert main(["eval", *words, "--policy", "noop", "--out", "run"]) == 0
     (following,) = re.findall(r"^next +(.*)$", capfd.readouterr().out, flags=re.MULTILINE)
     assert following.endswith(f"report {path.parent / 'run'} --task-file {path}")
+
+
+def test_the_advice_for_a_run_of_chains_loads_the_file_of_the_world(load):
+    path = load(('title="Point",', 'title="Point", reading="chains",'))
+    plan = make_world_plan("noop", suite="point")
+    run = RunFolder.start(Path("run"), plan.to_json())
+    with pytest.raises(RecordError, match=rf"Run `better compare \S+ --task-file {re.escape(str(path))}` for the five"):
+        diagnose_run(run)
 
 
 SUITE = re.search(r"Suite\(\n.*?\n +\)", WORLD, re.DOTALL).group()

@@ -19,6 +19,7 @@ from betterbench.interface.actions import PLAYED_IN, action_space
 from betterbench.sim.scenes import CONTROL_RATE_HZ
 from betterbench.sim.worlds import (
     OWN_WORLD,
+    PlanRequest,
     ProcessScene,
     SceneOptions,
     TrialScene,
@@ -81,6 +82,20 @@ def test_a_world_in_a_single_file_and_a_folder_without_a_world_are_named(tmp_pat
     single, folder = world_files_that_register_nothing(tmp_path)
     assert single.startswith("sim/worlds/press.py registers nothing. Make it a folder")
     assert folder.startswith("sim/worlds/push/__init__.py registers nothing. Call register_world with the world 'push'")
+
+
+def test_tasks_are_chosen_by_name_or_number_in_the_order_of_the_suite():
+    names = ("push-left", "push-right", "push-0", "0")
+    for asked, chosen in (
+        ((), names),
+        (("push-right", "push-left", "push-right"), names[:2]),
+        (("2", "push-left", "1"), names[:3]),
+        (("0",), ("0",)),  # a name takes precedence
+    ):
+        assert PlanRequest("push", asked).chosen(names) == chosen
+    for unknown in ("4", "-1", "01", "push"):
+        with pytest.raises(UnknownNameError, match=f"Unknown task '{unknown}'.*push-right"):
+            PlanRequest("push", ("push-left", unknown)).chosen(iter(names))
 
 
 def test_our_world_has_the_control_rate_of_our_scenes():

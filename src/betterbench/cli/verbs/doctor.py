@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def doctor_command(
     *,
     policy: str | None = None,
-    task: str = "fast_food",
+    suite: str | None = None,
+    task: str | None = None,
     condition: str | None = None,
     seed: int = 0,
     action_space: str | None = None,
@@ -40,7 +41,8 @@ def doctor_command(
 
     Args:
         policy: Policy address to check (see `better list policies`).
-        task: Task whose initial observation is sent to the policy.
+        suite: Name of a packaged suite, or folder with a suite in JSON.
+        task: Task whose initial observation is sent to the policy; default: the first task of --suite, or fast_food.
         condition: Condition of that task; default: its first training condition.
         seed: Trial seed.
         action_space: Action space of the planned run; default: the action space that the policy declares.
@@ -61,7 +63,10 @@ def doctor_command(
     from betterbench.evaluation.preflight.view import preflight_view
     from betterbench.jobs.outputs import OutputFile
     from betterbench.report.pages.preflight_sheet import write_preflight_sheet
+    from betterbench.tasks import suite_tasks
 
+    of_suite = ("fast_food",) if suite is None else suite_tasks(suite)
+    task = task or of_suite[0]
     out = out or Path(f"doctor-{default_folder(policy)}.png")
     with OutputFile(out, "doctor", overwrite=overwrite):
         found = run_preflight(

@@ -13,7 +13,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.cli.robot_option import USUAL_OPTION, ChosenRobot, RobotOption
-from betterbench.errors import BetterError, InvalidInputError
+from betterbench.errors import InvalidInputError
 from betterbench.quoting import default_name, shell_line, shell_word
 
 if TYPE_CHECKING:
@@ -404,25 +404,6 @@ def _prepare(world: World, robot: str) -> None:
         world.prepare(robot, on_progress)
 
 
-def _say_what_is_done(plan: Plan, out: Path) -> None:
-    """Print how many trials of a resumed run are done.
-
-    Problems with the folder are reported later, when the folder is opened.
-    """
-    from betterbench.records import RunFolder
-
-    if not (out / "journal.jsonl").is_file():
-        return
-    try:
-        entries = RunFolder.open(out).entries()
-    except BetterError:
-        return
-    planned = {t.id for t in plan.trials}
-    done = sum(e.status == "done" and e.key in planned for e in entries)
-    if done:
-        say(f"{done:,} of {len(planned):,} trials are done already; {len(planned) - done:,} are left.")
-
-
 class _RunLine:
     """Progress line of a run, updated after each trial and during trials."""
 
@@ -447,6 +428,10 @@ class _RunLine:
             self._tally.resume(self._folder)
             done = {e.key for e in self._folder.entries() if e.status == "done"} if progress.done else set()
             self._outlook.begin(done)
+            if progress.done:
+                left = progress.planned - progress.done
+                state = f"{left:,} {'is' if left == 1 else 'are'} left"
+                say(f"{self._start}{progress.done:,} of {progress.planned:,} trials are done already; {state}.")
         else:
             self._tally.add(self._folder, progress.last)
             self.ended.append(progress.last)
@@ -488,7 +473,6 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     from betterbench.evaluation.running.summary import policy_service, run_times
     from betterbench.policies.kinds import kind_of
 
-    _say_what_is_done(plan, out)
     kind = kind_of(plan.policy)
     needs = kind.needs_of(plan.policy)
     shown_as = kind.name if needs.server else plan.policy

@@ -87,13 +87,16 @@ def _table(what: What, names: tuple[str, ...]) -> tuple[list[str], list[list[str
             for t in tasks
         ]
     if what == "templates":
-        own = {task.template.name: task.template for task in tasks if task.template.name not in TEMPLATES}
+        known = list(TEMPLATES.values())
+        for task in tasks:
+            if task.template not in known:
+                known.append(task.template)
         return ["template", "title", "tasks", "challenge", "objects"], [
             [
-                *(t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge),
+                *(t.name, t.title, ", ".join(task.id for task in tasks if task.template == t), t.challenge),
                 ", ".join(f"{group.counts} {group.group_id}" for group in t.groups),
             ]
-            for t in (*TEMPLATES.values(), *own.values())
+            for t in known
         ]
     return ["variation", "axis", "from", "expected", "support", "what changes"], [
         [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]

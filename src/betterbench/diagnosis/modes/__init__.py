@@ -3,17 +3,16 @@
 Installed packages and task files can add more failure modes (see :mod:`betterbench.tasks.user_files`).
 """
 
-import importlib
-import pkgutil
-from pathlib import Path
-
-from betterbench.diagnosis.failure_mode import MODES
-from betterbench.errors import errors_explained
+from betterbench.diagnosis.failure_mode import MODES, places_of_modes
+from betterbench.errors import import_registering
 from betterbench.tasks.user_files import load_declared
 
-for _module in pkgutil.iter_modules(__path__):
-    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
-        importlib.import_module(f"{__name__}.{_module.name}")
+import_registering(
+    __name__,
+    __path__[0],
+    places_of_modes,
+    "Decorate the function that finds the evidence with @FailureMode(...)",
+)
 load_declared()
 
 __all__ = ["MODES"]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import logging
+import re
 
 from betterbench.errors import RecordError
 from betterbench.records import Journal, RunFolder
 
 logger = logging.getLogger(__name__)
+
+_CURES = re.compile(r" (Copy it again from an intact source|Repeat the command of the run [^.]*)\.")
+"""Remedies in errors of damaged files, which are left out of the messages because the trial is being run again."""
 
 
 def reopen_lost(run: RunFolder, journal: Journal) -> int:
@@ -29,7 +33,8 @@ def reopen_lost(run: RunFolder, journal: Journal) -> int:
             path = run.scene_path(scene)
             run.load_scene(scene, digest=entry.scene)
             sound.add((scene, entry.scene))
-        except RecordError as problem:
+        except RecordError as error:
+            problem = _CURES.sub("", str(error))
             aside = run.set_aside(path)
             lost += 1
             logger.warning(

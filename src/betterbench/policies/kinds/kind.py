@@ -331,6 +331,12 @@ def find_kind(address: str) -> PolicyKind | None:
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
 
 
+def defining_file(address: str) -> str:
+    """Return the path of the file that registers the policy kind of an address, or "" if there is no such kind."""
+    kind = find_kind(address)
+    return "" if kind is None else str(_DEFINED_IN[kind.name])
+
+
 def kind_of(address: str) -> PolicyKind:
     """Return the policy kind to which an address belongs.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.tables.latex import paper_table_to_latex, table_to_latex
 from betterbench.report.tables.matrices import matrices_of, plain_matrix
@@ -141,7 +141,7 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     rows = tuple(
         (
             d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected,
-            None if t.ambiguous else t.success, t.label.value, _kind(t), t.intended, t.intended_kind,
+            None if t.ambiguous else t.success, t.label.value, t.judged_kind, t.intended, t.intended_kind,
             " ".join(t.intended_any), t.first_attempt,
             t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
@@ -153,11 +153,6 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
         for t in d.trials
     )  # fmt: skip
     return Table("trials", "All planned trials.", columns, rows)
-
-
-def _kind(trial: TrialDiagnosis) -> str | None:
-    judged = trial.kind not in OF_CAUSES or facts_of_task(trial.task).judges_causes
-    return trial.kind.value if judged else None
 
 
 def short_trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:

@@ -48,7 +48,7 @@ class PlanRequest:
 
     Attributes:
         suite: Suite name.
-        tasks: Tasks to run, by name or number. By default, all tasks in the suite are run.
+        tasks: Tasks to run, by name or number (see :meth:`chosen`). By default, all tasks in the suite are run.
         trials: Number of trials per variation, of initial states or of chains, depending on the world. If it is None,
             the world's usual number is used.
         seed: First seed, first initial state or first chain, depending on the world.
@@ -62,12 +62,21 @@ class PlanRequest:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def chosen(self, known: Iterable[str]) -> tuple[str, ...]:
-        """Return the tasks to run, in the order of the suite. Raises UnknownNameError for unknown tasks."""
+        """Return the names of the tasks to run, in the order of the suite.
+
+        Args:
+            known: Names of all tasks in the suite. A task may also be requested by its number, counted from 0.
+
+        Raises:
+            UnknownNameError: If a requested task does not exist.
+        """
         names = tuple(known)
+        named = {str(i): name for i, name in enumerate(names)} | {name: name for name in names}
         for task in self.tasks:
-            if task not in names:
+            if task not in named:
                 raise UnknownNameError("task", task, names)
-        return tuple(name for name in names if not self.tasks or name in self.tasks)
+        wanted = {named[task] for task in self.tasks or names}
+        return tuple(name for name in names if name in wanted)
 
     def options_as(self, form: Callable[..., Form], *, world: str) -> Form:
         """Return the options as an instance of the given dataclass. Raises UnknownNameError for an unknown option."""

@@ -59,6 +59,11 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     return _BUILDERS[name]
 
 
+def places_of_tasks() -> set[Place]:
+    """Return the places at which tasks have been registered."""
+    return {place for _, place in _REGISTERED_AT.values()}
+
+
 def named_task(made: Task, name: str, description: str) -> Task:
     """Return a task with its id and description, and with names for its training conditions.
 

@@ -4,18 +4,25 @@ Relations read only world states, so that live and offline verdicts use the same
 found automatically.
 """
 
-import importlib
-import pkgutil
-from pathlib import Path
-
-from betterbench.errors import errors_explained
-from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, is_at, relation
+from betterbench.errors import import_registering
+from betterbench.tasks.relations.relation import (
+    RELATIONS,
+    PlaceGoal,
+    Relation,
+    is_at,
+    places_of_relations,
+    relation,
+)
 from betterbench.tasks.relations.released import released
 from betterbench.tasks.relations.rest import RestWatch, arm_still, lies_on_side, on_floor, upright
 
-for _module in pkgutil.iter_modules(__path__):
-    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
-        importlib.import_module(f"{__name__}.{_module.name}")
+import_registering(
+    __name__,
+    __path__[0],
+    places_of_relations,
+    "Pass the relation to register",
+    shared=("authoring", "loose", "placing", "relation", "released", "rest"),
+)
 
 __all__ = [
     "RELATIONS",

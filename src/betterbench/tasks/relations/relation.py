@@ -1,7 +1,7 @@
 """Relations between an object and a target, and the registry of all relations."""
 
 import string
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 from betterbench.errors import (
@@ -169,6 +169,11 @@ def register(relation: Relation) -> Relation:
     RELATIONS[relation.name] = relation
     _REGISTERED_AT[relation.name] = here
     return relation
+
+
+def places_of_relations() -> Collection[Place]:
+    """Return the places at which relations have been registered."""
+    return _REGISTERED_AT.values()
 
 
 _FUNCTIONS = {

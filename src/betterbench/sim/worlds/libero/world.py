@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import TypeAdapter
 
-from betterbench.errors import RecordError, UnknownNameError, require_between
+from betterbench.errors import RecordError, require_between
 from betterbench.interface.actions import PLAYED_IN
 from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.installation import Installation
@@ -97,7 +97,7 @@ class LiberoWorld(ProcessWorld):
         chosen, by = suite_named(asked.suite), protocol_named(options.protocol)
         count = by.trials if asked.trials is None else asked.trials
         require_states(asked.seed, count)
-        numbers = task_numbers(chosen.name, chosen.tasks, asked.tasks)
+        names = asked.chosen(task_id(chosen.name, i) for i in range(chosen.tasks))
         started = tuple(options.command or self.start_command())
         known, regime, versions = _described(started, chosen.name)
         if len(known) != chosen.tasks:
@@ -105,7 +105,7 @@ class LiberoWorld(ProcessWorld):
                 f"{asked.suite} has {len(known)} tasks in the simulator, but {chosen.tasks} were expected. "
                 "Install the world again"
             )
-        found = [known[i] for i in numbers]
+        found = [task for task in known if task.id in names]
         change = chosen.change
         planned = tuple(
             Trial(task.id, task.condition, change, None, change and "base", state, Expected.SUCCEED.value)
@@ -154,18 +154,6 @@ def require_states(seed: int, count: int) -> None:
     """Check that the initial states of a run exist. Raises InvalidInputError if an index is out of range."""
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
-
-
-def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
-    """Return the indices of the named tasks in suite order, without duplicates.
-
-    If no task is named, return the indices of all tasks.
-    """
-    ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
-    for name in tasks:
-        if name not in ids:
-            raise UnknownNameError(f"{suite} task", name, [task_id(suite, i) for i in range(count)])
-    return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Literal
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.sim.worlds.installation import Installation
 from betterbench.sim.worlds.libero.world import INSTALLATION as LIBERO_INSTALLATION
-from betterbench.sim.worlds.libero.world import LiberoWorld, require_states, task_numbers, trained_task
+from betterbench.sim.worlds.libero.world import LiberoWorld, require_states, trained_task
 from betterbench.sim.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
-from betterbench.sim.worlds.scene import WorldTask
+from betterbench.sim.worlds.scene import WorldTask, task_id
 from betterbench.sim.worlds.world import PlanRequest
 from betterbench.statistics.wording import plural
 from betterbench.tasks import Expected
@@ -152,10 +152,10 @@ class LiberoPlusWorld(LiberoWorld):
             raise UnknownNameError("LIBERO-Plus suite", suite, PLUS_SUITES)
         by = protocol_named(options.protocol)
         require_states(seed, count)
-        numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, asked.tasks)
+        names = asked.chosen(task_id(suite, i) for i in range(PLUS_SUITES[suite].tasks))
         started = tuple(options.command or plus_command(options.libero_plus_assets))
         wanted, regime, versions = _variants_there(started, suite, options.libero_plus_sentences)
-        wanted = [v for v in wanted if v[0].number in numbers and v[0].axis in (options.axes or AXES)]
+        wanted = [v for v in wanted if v[0].id in names and v[0].axis in (options.axes or AXES)]
         played = _spread([(task, states) for task, states, needs in wanted if not needs], options.variants)
         if not played:
             raise _nothing_left(suite, options, wanted)
