@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
 from betterbench.interface import ObservationSpec
-from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
+from betterbench.interface.actions import LIBERO_ABSOLUTE, PANDA_OPENING_M, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 PROCESSES = 2
 """Initial number of environments per worker. It is small, because each environment is a separate
 process that takes long to start."""
-
-PANDA_OPENING_M = 0.08
-"""Largest opening width of robosuite's Panda gripper [m]."""
 
 _STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
 _NUMBERS: Mapping[str, int | None] = {

@@ -24,6 +24,7 @@ from betterbench.interface.actions import (
     CALVIN_ABSOLUTE,
     CALVIN_ABSOLUTE_QUATERNION,
     CALVIN_DELTA,
+    PANDA_OPENING_M,
     PLAYED_IN,
     ActionSpace,
 )
@@ -32,7 +33,6 @@ from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.installation import Installation
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed, sent_text, sent_texts
 from betterbench.sim.worlds.scene import (
-    PANDA_OPENING_M,
     ProcessScene,
     ProcessWorld,
     WorldTask,
