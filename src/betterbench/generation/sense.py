@@ -40,12 +40,6 @@ _ROUND = frozenset(
 """Kinds that are as thick as they are long, so that the gripper must open by their full size."""
 
 
-def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
-    """Raise InvalidInputError for the first problem that :func:`sense_problems` finds in a scenario."""
-    for problem in sense_problems(scenario, where=where, mixed=mixed):
-        raise problem
-
-
 def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
     """Raise InvalidInputError if the groups differ from the groups of the template, or two objects have the same name.
 
