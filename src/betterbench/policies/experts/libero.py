@@ -14,8 +14,9 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import TOOL_DOWN, Pose, Vector, distance, from_yaw, horizontal_distance, multiply, rotate
+from betterbench.interface.actions import TRANSLATION_PER_UNIT_M
 from betterbench.interface.state import ObjectInfo, WorldState
-from betterbench.policies.experts.motion import CLOSE, OPEN, TRANSLATION_PER_UNIT_M, Motion, delta_action
+from betterbench.policies.experts.motion import CLOSE, OPEN, Motion, delta_action
 from betterbench.policies.experts.registry import parse_address
 from betterbench.policies.faulty import Fault
 from betterbench.sim.worlds import ProcessScene

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.geometry import Pose, angle_between, distance, straight_way, to_axis_angle, turn_between
+from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
@@ -17,8 +18,6 @@ state.
 """
 
 OPEN, CLOSE = -1.0, 1.0
-TRANSLATION_PER_UNIT_M = 0.05
-ROTATION_PER_UNIT_RAD = 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from betterbench.interface.actions import TRANSLATION_PER_UNIT_M
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 from betterbench.policies.decisions import Bring, Decision, Draw, Freeze, GraspAt, GraspOffset, Rest, Situation, Wander
 from betterbench.policies.experts.address import WITNESS, Address
-from betterbench.policies.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
+from betterbench.policies.experts.motion import OPEN, delta_action, hold
 from betterbench.policies.experts.planner import Planner
 from betterbench.policies.experts.probes import make_replay
 from betterbench.policies.experts.registry import EXPERTS, REPLAYS, parse_address, witnessed

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from betterbench.errors import InvalidInputError, place_of
-from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector, vector_of
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
@@ -102,7 +102,7 @@ class BareScene(ABC):
         self._require_positions()
         if type(self) not in _STARTED:
             self._require_same_start()
-        self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
+        self.info = SceneInfo(self._objects, (), vector_of(self.hand), OPENING_M)
         return self.state()
 
     def _require_positions(self) -> None:
@@ -140,12 +140,12 @@ class BareScene(ABC):
     def state(self) -> WorldState:
         """Return the privileged state."""
         still = tuple(0.0 for _ in self._objects)
-        pose = Pose(_vector(self.hand), IDENTITY_QUATERNION)
+        pose = Pose(vector_of(self.hand), IDENTITY_QUATERNION)
         return WorldState(
             info=self.info,
             step=self._step,
             time_s=self._step / self.control_rate_hz,
-            positions=tuple(map(_vector, self.positions)),
+            positions=tuple(map(vector_of, self.positions)),
             quaternions=tuple(IDENTITY_QUATERNION for _ in self._objects),
             linear_speeds=still,
             angular_speeds=still,
@@ -249,8 +249,3 @@ def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) ->
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,
     )  # fmt: skip
-
-
-def _vector(numbers: np.ndarray) -> Vector:
-    x, y, z = map(float, numbers)
-    return (x, y, z)

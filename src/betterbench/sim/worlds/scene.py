@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion, vector_of
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import LIBERO_ABSOLUTE, PANDA_OPENING_M, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
@@ -679,12 +679,6 @@ def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
         raise WorldError(
             f"the simulator sent {name} as {image.dtype} {image.shape}, expected {np.dtype(agreed)} {shape}"
         )
-
-
-def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
-    """Convert three numbers to a vector of Python floats."""
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def _from_matrix(numbers: Sequence[float]) -> Quaternion:

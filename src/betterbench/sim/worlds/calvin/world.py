@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError, one_line, require_between
-from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
+from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate, vector_of
 from betterbench.interface.actions import (
     CALVIN_ABSOLUTE,
     CALVIN_ABSOLUTE_QUATERNION,
@@ -39,7 +39,6 @@ from betterbench.sim.worlds.scene import (
     held_object,
     require_finite,
     require_image,
-    vector_of,
 )
 from betterbench.sim.worlds.world import Instructed, PlanRequest
 from betterbench.statistics.wording import plural
