@@ -47,6 +47,20 @@ APPROACH = Pace(0.16, 0.05, 0.6)
 """Limits for the last part of a motion, before contact."""
 
 
+def disturbed(action: np.ndarray, noise_m: float, generator: np.random.Generator) -> np.ndarray:
+    """Return an action in the action space ``ee_delta`` with noise on its translation. The action may be changed.
+
+    Args:
+        action: The action. If it does not translate the tool, no noise is drawn.
+        noise_m: Standard deviation of the noise along each axis [m].
+        generator: Source of the noise.
+    """
+    if noise_m > 0.0 and action[:3].any():
+        action[:3] += generator.normal(0.0, noise_m / TRANSLATION_PER_UNIT_M, 3)
+        np.clip(action, -1.0, 1.0, out=action)
+    return action
+
+
 def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
     """Return the ``ee_delta`` action that moves the commanded pose from ``now`` to ``wanted``.
 

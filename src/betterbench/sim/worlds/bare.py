@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import platform
 from abc import ABC, abstractmethod
@@ -18,7 +17,7 @@ from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.sim.scenes.described import SceneDescription
-from betterbench.sim.worlds.world import Instructed, World
+from betterbench.sim.worlds.world import Instructed, World, digest_of_files
 from betterbench.tasks import Truth
 
 if TYPE_CHECKING:
@@ -186,7 +185,7 @@ class BareScene(ABC):
     @property
     def content_hash(self) -> str:
         """SHA-256 digest of the scene's files, under which the scene is stored."""
-        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+        return digest_of_files(self.files())
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
         """Return an empty dictionary, because the scene has no cameras."""

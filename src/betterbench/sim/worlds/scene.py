@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
@@ -21,7 +20,7 @@ from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Reg
 from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.sim.worlds.rows import RowForm
-from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World
+from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World, digest_of_files
 from betterbench.tasks import Truth
 from betterbench.tasks.worlds.libero import IMAGE_SIDE, OURS, PROTOCOLS, FieldProtocol, suite_named
 from betterbench.tasks.worlds.libero_training import TrainedTask
@@ -317,7 +316,7 @@ class ProcessScene:
     @property
     def content_hash(self) -> str:
         """SHA-256 digest of the scene's files, under which the scene is stored."""
-        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+        return digest_of_files(self.files())
 
     def files(self) -> dict[str, bytes]:
         """Return the files that are stored for the scene: the task's file, and a description of the settled scene.
