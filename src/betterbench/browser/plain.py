@@ -50,7 +50,7 @@ Answer = tuple[str, bytes]
 
 
 @functools.cache
-def packaged_file(package: str, name: str, kind: str) -> Answer:
+def file_of_package(package: str, name: str, kind: str) -> Answer:
     """Return a text file of a package as an answer. ``kind`` is its media type, such as "text/html"."""
     return f"{kind}; charset=utf-8", resources.files(package).joinpath(name).read_bytes()
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.browser.plain import Answer, PlainServer, packaged_file
+from betterbench.browser.plain import Answer, PlainServer, file_of_package
 from betterbench.json_form import read_form
 from betterbench.real.judging import JudgeDesk
 from betterbench.real.outcomes import OUTCOMES
@@ -44,9 +44,9 @@ class JudgePage:
         """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._desk, self._lock = desk, threading.Lock()
         get: dict[str, Callable[[], Answer | None]] = {
-            "": functools.partial(packaged_file, __package__, "judge.html", "text/html"),
-            "judge.js": functools.partial(packaged_file, __package__, "judge.js", "text/javascript"),
-            "judge.css": functools.partial(packaged_file, __package__, "judge.css", "text/css"),
+            "": functools.partial(file_of_package, __package__, "judge.html", "text/html"),
+            "judge.js": functools.partial(file_of_package, __package__, "judge.js", "text/javascript"),
+            "judge.css": functools.partial(file_of_package, __package__, "judge.css", "text/css"),
             "state": self._state,
         }
         for number, trial in enumerate(desk.trials):

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.browser.plain import Answer, PlainServer, packaged_file
+from betterbench.browser.plain import Answer, PlainServer, file_of_package
 from betterbench.json_form import read_form
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.session import Command, RealSession
@@ -46,9 +46,9 @@ class OperatorPage:
         """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._session = session
         get: dict[str, Callable[[], Answer | None]] = {
-            "": functools.partial(packaged_file, __package__, "page.html", "text/html"),
-            "page.js": functools.partial(packaged_file, __package__, "page.js", "text/javascript"),
-            "page.css": functools.partial(packaged_file, __package__, "page.css", "text/css"),
+            "": functools.partial(file_of_package, __package__, "page.html", "text/html"),
+            "page.js": functools.partial(file_of_package, __package__, "page.js", "text/javascript"),
+            "page.css": functools.partial(file_of_package, __package__, "page.css", "text/css"),
             "state": self._state,
             "ghost.png": self._ghost,
             "twin.jpg": self._twin,
