@@ -30,7 +30,10 @@ ROOT = Path(__file__).parents[1]
 HOME = ROOT / "src" / "betterbench"
 INK, SOFT, RULE, FILL, ACCENT, UPWARD = "#1c1e21", "#5c6066", "#dedad2", "#e9f0f6", "#1d5a8a", "#bf4a14"
 COMMON = frozenset(
-    {"errors", "geometry", "installation", "interface", "json_form", "lazy_names", "quoting", "statistics"}
+    {
+        *("errors", "geometry", "installation", "interface", "json_form", "lazy_names"),
+        *("ordinary_file", "quoting", "statistics"),
+    }
 )
 """Small modules that every package uses; calls into them are not shown."""
 

@@ -12,7 +12,7 @@ afterward.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
@@ -22,6 +22,12 @@ IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Rotation of a tool that points straight down, as in the home pose (180 degrees about x)."""
+
+
+def vector_of(numbers: Iterable[float]) -> Vector:
+    """Convert three numbers, such as those of an array, to a vector of Python floats."""
+    x, y, z = map(float, numbers)
+    return (x, y, z)
 
 
 def normalize(q: Sequence[float]) -> Quaternion:

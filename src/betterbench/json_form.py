@@ -23,9 +23,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
 from betterbench.errors import BetterError, InvalidInputError, encodable, one_line
 from betterbench.ordinary_file import NotOrdinaryError, open_ordinary
@@ -80,6 +80,9 @@ def _no_truth(value: object) -> object:
         raise ValueError("expected a number, got a boolean")  # noqa: TRY004 - pydantic passes a TypeError on
     return value
 
+
+Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+"""SHA-256 digest in a file, in hexadecimal digits."""
 
 NO_TRUTH = BeforeValidator(_no_truth)
 """Validator that rejects booleans in Literal fields with numbers. pydantic alone would accept false as 0."""

@@ -204,12 +204,12 @@ def test_the_cure_works(better, tmp_path):
 REMOTE = """
 import pathlib, sys
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.tasks.user_files import TaskFile
 
 source, run = (pathlib.Path(name).read_text() for name in sys.argv[1:])
 file = TaskFile("/on/another/machine/my_tasks.py", source)
-settings = RunSettings(
+settings = WorkerSettings(
     "unused", "expert", "ee_delta", "default", "standard", "panda", task_files=(file,)
 )
 worker = RemoteWorker(settings, run.encode(), ())

@@ -89,6 +89,10 @@ def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_
     chart = outcomes_chart([found])
     assert [name for _, name in chart.key] == ["Right", "Failure, cause not judged", "System failure"]
     assert not re.search("reasoning|execution", chart.caption, re.IGNORECASE)
+    without_failure = diagnose_run(runs["goes"])
+    same = outcomes_chart([without_failure])
+    assert (same.key, same.caption) == (chart.key, chart.caption)
+    assert modes_of([without_failure]) == modes_of([found])
     page = (folder / "runs" / "goes" / "report" / "index.html").read_text(encoding="utf-8")
     assert "move the hand to the left" in page
     assert "Point" in page
@@ -138,7 +142,7 @@ def test_no_command_states_the_cause_of_a_failure_that_was_not_judged(follow, ca
     assert {(row["success"], row["label"], row["kind"]) for row in trials} == {
         ("true", "success", "none"), ("false", "timeout", ""),
     }  # fmt: skip
-    (mode,) = (mode for mode in modes_of(noop.trials) if mode.label is Label.TIMEOUT)
+    (mode,) = (mode for mode in modes_of([noop]) if mode.label is Label.TIMEOUT)
     assert mode.definition == "The step limit was reached before the goal."
 
 

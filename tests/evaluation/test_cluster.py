@@ -15,7 +15,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.ray_engine import cluster
 from betterbench.evaluation.ray_engine.cluster import Cluster
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker, Turn, versions_here
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.records import RunFolder
 from betterbench.tasks.trial import Trial
 
@@ -37,7 +37,7 @@ def uninterrupted(brief_trials, tmp_path_factory) -> RunFolder:
 
 
 def remote_worker(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> RemoteWorker:
-    settings = RunSettings("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
+    settings = WorkerSettings("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
     return RemoteWorker(settings, (run.path / "run.json").read_bytes(), known)
 
 

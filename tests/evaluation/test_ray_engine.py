@@ -16,7 +16,7 @@ from betterbench.evaluation.ray_engine.cluster import PLACING_S, Cluster
 from betterbench.evaluation.ray_engine.pool import ray_entries
 from betterbench.evaluation.ray_engine.remote_worker import Delivery, Turn, versions_here
 from betterbench.evaluation.ray_engine.session import RaySession
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.jobs.retries import MAX_DEATHS_IN_A_ROW
 from betterbench.records import JournalEntry
 from betterbench.tasks.trial import Trial
@@ -158,7 +158,7 @@ def method(call: Callable[..., Call]) -> SimpleNamespace:
 def play(tmp_path, monkeypatch):
     """Returns a function that runs two trials on a played Ray and returns the lines of the journal."""
     (tmp_path / "run.json").write_text("{}", encoding="utf-8")
-    settings = RunSettings(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
+    settings = WorkerSettings(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
 
     def run(
         ray: FakeRay, *, replicas: int = 0, workers: int = 1, rounds: Iterable[Sequence[Trial]] = (TRIALS,)

@@ -18,7 +18,7 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
 from betterbench.evaluation.serving.host import Host, run_address
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION
@@ -395,7 +395,9 @@ def test_a_worker_of_a_cluster_tells_of_a_server_that_is_gone_with_the_trial_tha
     # There may be no later turn to tell it in: the trial may be the last one of the run.
     plan = tiny_plan(f"{plugin}:Gone", trials=3)
     run = RunFolder.start(tmp_path / "run", plan.to_json())
-    settings = RunSettings(str(run.path), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1)
+    settings = WorkerSettings(
+        str(run.path), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1
+    )
     remote = RemoteWorker(settings, (run.path / "run.json").read_bytes(), ())
     try:
         remote.prepare({})
@@ -411,7 +413,7 @@ def test_a_worker_of_a_cluster_tells_of_a_server_that_is_gone_with_the_trial_tha
 def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
     plan = tiny_plan(f"{plugin}:Slow", trials=3)
     RunFolder.start(tmp_path / "run", plan.to_json())
-    settings = RunSettings(
+    settings = WorkerSettings(
         str(tmp_path / "run"), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, envs=2
     )
     with Worker(settings) as worker:
@@ -434,7 +436,7 @@ def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
 def test_the_deadline_of_an_answer_begins_when_the_policy_is_loaded(plugin, tiny_plan, tmp_path):
     plan = tiny_plan(f"{plugin}:Slow", trials=1)
     RunFolder.start(tmp_path / "run", plan.to_json())
-    settings = RunSettings.of(plan, tmp_path / "run", policy_timeout_s=0.05)
+    settings = WorkerSettings.of(plan, tmp_path / "run", policy_timeout_s=0.05)
     loaded = threading.Event()
 
     def take():

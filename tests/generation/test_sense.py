@@ -7,7 +7,7 @@ from tests.generation.examples import GOOD, changed, described, item
 from tests.looping import each
 
 from betterbench.generation.scenario_form import scenario_from_answer
-from betterbench.generation.sense import gripper_opening_m, require_sense, sense_problems
+from betterbench.generation.sense import gripper_opening_m, sense_problems
 from betterbench.generation.vocabulary import belongs, head_nouns
 
 
@@ -18,7 +18,6 @@ def problems(form, template="loose_packing", **options):
 
 def test_a_good_scenario_has_no_problem():
     assert problems(GOOD) == []
-    require_sense(scenario_from_answer(GOOD, "loose_packing"))
 
 
 SEVEN = [described(f"apple_{i}", "red apple", [0.1, 0.2], [0.06, 0.07], "food") for i in range(7)]

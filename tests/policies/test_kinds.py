@@ -31,7 +31,7 @@ from betterbench.policies.kinds import (
     read_address,
     register,
 )
-from betterbench.policies.kinds.kind import _DEFINED_IN, AT_ONCE, STATE
+from betterbench.policies.kinds.kind import _REGISTERED_AT, AT_ONCE, STATE
 from betterbench.policies.kinds.noop import Noop
 from betterbench.records.naming import built_in_names
 
@@ -64,7 +64,7 @@ def test_the_example_of_a_message_is_accepted(kind):
 
 def test_each_file_of_the_folder_registers_a_kind():
     shared = {"__init__.py", "authoring.py", "kind.py", "privileged.py", "remote.py"}
-    registering = set(_DEFINED_IN.values())
+    registering = {Path(place.file) for place in _REGISTERED_AT.values()}
     for file in sorted(KINDS_FOLDER.glob("*.py")):
         cure = "Call register(PolicyKind(...)) in this file (docs/adding-a-policy-kind.md)"
         found = f"betterbench/policies/kinds/{file.name} registers nothing"
@@ -74,7 +74,7 @@ def test_each_file_of_the_folder_registers_a_kind():
 @EACH_KIND
 def test_the_first_word_is_a_literal_where_the_file_makes_the_form(kind):
     """Reports read the reserved names from the text of these files."""
-    file = _DEFINED_IN[kind.name]
+    file = Path(_REGISTERED_AT[kind.name].file)
     text = file.read_text(encoding="utf-8") if file.parent == KINDS_FOLDER else ""
     literal = f'scheme="{kind.name}"'
     cure = f"Write {literal} in AddressForm (docs/adding-a-policy-kind.md)"
@@ -142,7 +142,7 @@ def toy(monkeypatch):
 
 
 def test_a_second_kind_of_the_same_name_is_refused(toy):
-    with pytest.raises(ValueError, match="another policy kind has the name 'toy'"):
+    with pytest.raises(InvalidInputError, match=r"(test_kinds\.py, line \d+.*){2}both register the policy kind 'toy'"):
         register(PolicyKind(form=toy.form, shown="toy:NAME", summary="Another.", needs=AT_ONCE, make=toy.make))
 
 
@@ -241,7 +241,7 @@ def test_a_wrong_form_of_a_kind_is_refused(fields, text):
         ),
         (
             {"form": AddressForm(scheme="zoo", example="zoo:NAME")},
-            "another policy kind has the name 'zoo', in betterbench/policies/kinds/zoo.py. Choose another scheme",
+            "both register the policy kind 'zoo'. Change the name at one of the two places",
         ),
     ],
 )
@@ -321,6 +321,13 @@ def test_a_function_of_a_kind_that_returns_another_type_is_named_with_its_file(t
     )
     with pytest.raises(InvalidInputError, match=place):
         kind.space_of(PolicyAddress("toy:a", toy.form, "a")) if name == "space_in_world" else check_policy("toy:a")
+
+
+def test_the_needs_of_an_address_are_checked_when_a_policy_is_made(toy, monkeypatch):
+    kind = dataclasses.replace(toy, needs=lambda _: None)
+    monkeypatch.setattr("betterbench.policies.kinds.kind.KINDS", {**KINDS, "toy": kind})
+    with pytest.raises(InvalidInputError, match="needs of the policy kind toy must return a PolicyNeeds, got None"):
+        make_policy("toy:a")
 
 
 def test_the_source_of_a_kind_is_part_of_the_description(toy, monkeypatch):

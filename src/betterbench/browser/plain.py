@@ -15,6 +15,7 @@ import secrets
 import threading
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
+from importlib import resources
 from typing import Any
 
 from betterbench.browser.address import origin_of
@@ -46,6 +47,12 @@ _HEADERS = {
 
 Answer = tuple[str, bytes]
 """Media type and content of an answer."""
+
+
+@functools.cache
+def file_of_package(package: str, name: str, kind: str) -> Answer:
+    """Return a text file of a package as an answer. ``kind`` is its media type, such as "text/html"."""
+    return f"{kind}; charset=utf-8", resources.files(package).joinpath(name).read_bytes()
 
 
 class PlainServer:

@@ -16,6 +16,7 @@ from betterbench.errors import InvalidInputError, one_line
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.json_form import form_errors, open_seal, read_bounded, read_form, strict_form
 from betterbench.tasks import Looks, TrialId, built_in_suite
+from betterbench.tasks.demonstrated import minor_version
 from betterbench.tasks.suite_folder import CERTIFICATE
 from betterbench.tasks.user_files import options_for, suite_file
 
@@ -154,7 +155,7 @@ class Coverage:
             stale = (
                 f"the certificate was made for suite version {self.versions.suite}, but version {suite} is installed"
             )
-        elif _minor(self.versions.engine) != _minor(engine):
+        elif minor_version(self.versions.engine) != minor_version(engine):
             stale = f"the certificate was made with MuJoCo {self.versions.engine}, but MuJoCo {engine} is installed"
         elif self.versions.looks != looks:
             stale = f"the certificate covers the {self.versions.looks} looks, but the run uses the {looks} looks"
@@ -190,14 +191,6 @@ class Coverage:
 
 
 _COVERAGE = TypeAdapter(Coverage)
-
-
-def _minor(version: str) -> str:
-    """Return the major and minor part of a MuJoCo version.
-
-    The minor part matters because contact forces, and therefore scores, can change between minor versions of MuJoCo.
-    """
-    return ".".join(version.split(".")[:2])
 
 
 def parse_ranges(text: str) -> frozenset[int]:

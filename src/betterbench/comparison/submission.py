@@ -19,7 +19,7 @@ from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.jobs import OnCount
 from betterbench.jobs.conflict import first_difference
-from betterbench.json_form import dump_json, form_errors, read_bounded, read_form, strict_form
+from betterbench.json_form import Digest, dump_json, file_digest, form_errors, read_bounded, read_form, strict_form
 from betterbench.ordinary_file import open_ordinary
 from betterbench.quoting import json_text
 from betterbench.records import RunFolder
@@ -37,7 +37,6 @@ _CURE = "Pass the folder of a run, or a file written by `better export`"
 
 Line = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")]
 Text = Annotated[str, Field(max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=0, le=2**31)]
 
 
@@ -69,7 +68,7 @@ class SubmittedTrial:
     progress: Annotated[float, Field(ge=0.0, le=1.0)]
     steps: Count
     duration_s: Annotated[float, Field(ge=0.0)]
-    record_sha256: Sha256 | None
+    record_sha256: Digest | None
 
     def __post_init__(self) -> None:
         """Check that the fields agree with each other.
@@ -126,7 +125,7 @@ class Submission:
     betterbench: Line
     conventions: dict[Line, Text]
     thresholds: dict[Line, float]
-    plan_sha256: Sha256
+    plan_sha256: Digest
     left_out: Count
     trials: Annotated[tuple[SubmittedTrial, ...], Field(max_length=1_000_000)]
     sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
@@ -269,7 +268,7 @@ def require_same(run: RunFolder, submission: Submission, *, on_progress: OnCount
 
 
 def _submitted(run: RunFolder, trial: TrialDiagnosis, *, ended: bool) -> SubmittedTrial:
-    record = None if trial.record is None else _file_hash(run.path / trial.record)
+    record = None if trial.record is None else file_digest(run.path / trial.record)
     return SubmittedTrial(
         task=trial.task, condition=trial.variation or trial.condition, seed=trial.seed,
         status="done" if record else "broken" if ended else "unfinished", success=trial.success,
@@ -302,11 +301,6 @@ def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
 
 def _hash_of(form: object) -> str:
     return hashlib.sha256(dump_json(form)).hexdigest()
-
-
-def _file_hash(path: Path) -> str:
-    with open_ordinary(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:

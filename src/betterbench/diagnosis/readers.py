@@ -37,10 +37,6 @@ class Reader(Protocol):
         """Whether the diagnosis looks for the policy's favorite kind of object."""
 
     @property
-    def judges_causes(self) -> bool:
-        """Whether the diagnosis judges grasps and causes of failures, and not only the outcome of each trial."""
-
-    @property
     def twins_cure(self) -> str:
         """Advice on how to obtain missing twins (training trials with the same seeds), as a clause for a note."""
 
@@ -67,7 +63,6 @@ class OwnReader:
     """Reads runs in betterbench's own scenes. Their tasks define conditions and training distributions."""
 
     twins_elsewhere = finds_favorites = False
-    judges_causes = True
     twins_cure = "run their training conditions with the same seeds"
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -108,7 +103,7 @@ class LiberoReader(libero.LiberoRun):
     It reads the goals from task files, and the training data from the base suite.
     """
 
-    twins_elsewhere = finds_favorites = judges_causes = True
+    twins_elsewhere = finds_favorites = True
     twins_cure = libero.TWINS_CURE
 
     def group(self, task: str) -> str:
@@ -138,14 +133,12 @@ class OutcomeReader:
         title: Name of the world in messages.
         twins_elsewhere: Whether the training twins of a run's variation trials may come from another run.
         finds_favorites: Whether the diagnosis looks for the policy's favorite kind of object.
-        judges_causes: Whether the diagnosis judges grasps and causes of failures.
         twins_cure: Advice on how to obtain missing training twins, as a clause for a note.
     """
 
     title: str
     twins_elsewhere: bool = False
     finds_favorites: bool = False
-    judges_causes: bool = False
     twins_cure: str = OwnReader.twins_cure
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:

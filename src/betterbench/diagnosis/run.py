@@ -267,11 +267,8 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
     notes = find_notes(
         found, judged, broken, len(twins(counted)), pending=len(waiting), even_pairs=even, cure=reader.twins_cure
     )
-    metrics = compute_metrics(found, decided)
-    if not reader.judges_causes:
-        metrics = tuple(metric for metric in metrics if metric.name not in OF_CAUSES)
-    return RunDiagnosis(
-        policy=policy, trials=found, metrics=metrics,
+    diagnosis = RunDiagnosis(
+        policy=policy, trials=found, metrics=compute_metrics(found, decided),
         findings=(
             *effect_findings(unused, str(decider)),
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
@@ -280,6 +277,9 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str], reader: Re
         notes=(*(() if decided is None else decided.notes()), *notes, *reader.last_notes(found)),
         thresholds=THRESHOLDS.to_json(), versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
+    if diagnosis.causes_judged:
+        return diagnosis
+    return replace(diagnosis, metrics=tuple(m for m in diagnosis.metrics if m.name not in OF_CAUSES))
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:

@@ -10,7 +10,7 @@ from betterbench.statistics import Rate
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
-from betterbench.tasks.worlds.facts import facts_of_task
+from betterbench.tasks.worlds.facts import WorldFacts, facts_of_task
 from betterbench.tasks.worlds.libero_plus import axis_of
 
 OUTCOME_ALONE = "outcome_alone"
@@ -264,6 +264,17 @@ class RunDiagnosis:
     def pending(self) -> tuple[str, ...]:
         """Keys of the planned trials that a run in progress has not reached yet."""
         return tuple(t.key for t in self.waiting)
+
+    @property
+    def worlds(self) -> tuple[WorldFacts, ...]:
+        """Facts about the worlds of all planned trials."""
+        tasks = dict.fromkeys(t.task for t in (*self.trials, *self.waiting))
+        return tuple({facts.name: facts for facts in map(facts_of_task, tasks)}.values())
+
+    @property
+    def causes_judged(self) -> bool:
+        """Whether the causes of failures are judged in the world of at least one planned trial."""
+        return not self.worlds or any(world.judges_causes for world in self.worlds)
 
     @property
     def unfinished(self) -> tuple[TrialDiagnosis, ...]:

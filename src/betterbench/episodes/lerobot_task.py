@@ -15,7 +15,7 @@ from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
 from betterbench.interface import Observation
 from betterbench.interface.actions import OPENING_SPACES, ActionSpace
 from betterbench.interface.state import WorldState
-from betterbench.policies.conventions.proprioception import motor_positions
+from betterbench.sim.robots import motor_positions
 from betterbench.sim.robots import robot as robot_named
 from betterbench.tasks import Truth
 

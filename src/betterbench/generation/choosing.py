@@ -31,7 +31,7 @@ from betterbench.generation.sentence_words import (
 )
 from betterbench.generation.stated_goal import READ_WORDS, example_about, goal_problems, stated_goal
 from betterbench.generation.stated_goal.direction import ARRANGED, without_direction
-from betterbench.generation.vocabulary import COLLECTIVES, known_nouns
+from betterbench.generation.vocabulary import COLLECTIVES, LONGEST_PHRASE, known_nouns
 from betterbench.sim.assets.catalogue.expansion import COLORS
 from betterbench.sim.assets.catalogue.terms import terms
 from betterbench.tasks.authoring.templates import TEMPLATES
@@ -125,7 +125,6 @@ _PLAIN_WORDS_WORDS = """
 i you we he she me us them they it s to and there here now please just so too also then
 """
 _PLAIN_WORDS = frozenset(_PLAIN_WORDS_WORDS.split())
-_LONGEST_PHRASE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +247,7 @@ def wanted_in(sentence: str, template: str) -> tuple[Wanted, ...]:
     nouns, found, used = _nouns(template), list[Wanted](), set[int]()
     at = 0
     while at < len(tokens):
-        length = next((n for n in range(_LONGEST_PHRASE, 0, -1) if tuple(tokens[at : at + n]) in nouns), 0)
+        length = next((n for n in range(LONGEST_PHRASE, 0, -1) if tuple(tokens[at : at + n]) in nouns), 0)
         if length and not (at == 0 and tokens[0] in VERBS):
             used |= set(range(at, at + length))
             meant = nouns[tuple(tokens[at : at + length])]

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, TypeAdapter
 from betterbench.errors import UnknownNameError
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.json_form import NO_TRUTH, read_form, strict_form
+from betterbench.tasks.authoring.template_form import ascending
 from betterbench.tasks.authoring.templates import TEMPLATES
 
 SCHEMA_VERSION = 1
@@ -55,12 +56,6 @@ def plain_text(text: str) -> str:
     return text
 
 
-def _ascending(span: tuple[float, float]) -> tuple[float, float]:
-    if span[0] > span[1]:
-        raise ValueError(f"{list(span)} must begin with the smaller number")
-    return span
-
-
 _Plain = Annotated[str, AfterValidator(plain_text)]
 _Name = Annotated[_Plain, Field(min_length=1, max_length=LONGEST_NAME)]
 _Tag = Annotated[_Plain, Field(min_length=1, max_length=LONGEST_TAG)]
@@ -74,8 +69,8 @@ class _Object:
     description: Annotated[_Plain, Field(min_length=1, max_length=LONGEST_DESCRIPTION)]
     asset_query: Annotated[_Plain, Field(min_length=1, max_length=LONGEST_QUERY)]
     instance_name: Annotated[str, Field(pattern=NAME_PATTERN)]
-    estimated_mass: Annotated[tuple[_Mass, _Mass], AfterValidator(_ascending)]
-    estimated_size: Annotated[tuple[_Size, _Size], AfterValidator(_ascending)]
+    estimated_mass: Annotated[tuple[_Mass, _Mass], AfterValidator(ascending)]
+    estimated_size: Annotated[tuple[_Size, _Size], AfterValidator(ascending)]
     tags: Annotated[tuple[_Tag, ...], Field(max_length=MOST_TAGS)] = ()
 
 

@@ -12,17 +12,15 @@ scenario. The scenario has to meet these requirements:
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.generation.instruction_sense import instruction_problems
 from betterbench.generation.scenario import DescribedObject, Scenario
 from betterbench.generation.vocabulary import belongs, domain_of, head_nouns
-from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.asset_checks.limits import LEAST_M, MASS_FACTOR, MOST_DENSITY, MOST_M, PAYLOAD_KG
+from betterbench.sim.asset_checks.opening import gripper_opening_m
 from betterbench.sim.assets.importing.kinds import kind_of
-from betterbench.sim.robots import robot
 from betterbench.tasks.authoring.template import ObjectGroup, Template
 from betterbench.tasks.authoring.templates import TEMPLATES
 
@@ -40,12 +38,6 @@ _ROUND = frozenset(
     {("apple",), ("orange",), ("peach",), ("tomato",), ("onion",), ("potato",), ("ball",), ("grapefruit",), ("melon",)}
 )
 """Kinds that are as thick as they are long, so that the gripper must open by their full size."""
-
-
-def require_sense(scenario: Scenario, *, where: str = "scenario", mixed: bool = False) -> None:
-    """Raise InvalidInputError for the first problem that :func:`sense_problems` finds in a scenario."""
-    for problem in sense_problems(scenario, where=where, mixed=mixed):
-        raise problem
 
 
 def require_groups(scenario: Scenario, *, where: str = "scenario") -> None:
@@ -203,12 +195,3 @@ def _receiver_problems(scenario: Scenario, template: Template) -> Iterator[Found
         if receives and 0.5 * sum(described.size_m) <= 0.5 * sum(largest.size_m):
             problem = f"{list(described.size_m)} m is not larger than {largest.instance_name!r}, which goes into it"
             yield f"{path}.estimated_size", problem, "Give a larger container or smaller items"
-
-
-@functools.cache
-def gripper_opening_m() -> float:
-    """Return the maximum opening of the gripper [m].
-
-    This is the opening of the default robot's gripper, because generated tasks are designed for this robot.
-    """
-    return robot(USUAL_ROBOT).gripper_opening_m

@@ -126,7 +126,7 @@ bar bowl box bottle can carton cup glass half jar leaf pack piece roll slice sta
 MEASURES = frozenset(_MEASURES_WORDS.split())
 """Measure nouns, such as "slice" in "a slice of cheese"."""
 
-_LONGEST_PHRASE = 4
+LONGEST_PHRASE = 4
 
 
 def _phrases(text: str) -> frozenset[tuple[str, ...]]:
@@ -162,7 +162,7 @@ def known_nouns(words: list[str]) -> list[tuple[int, tuple[str, ...]]]:
     found: list[tuple[int, tuple[str, ...]]] = []
     at = 0
     while at < len(words):
-        for length in range(min(_LONGEST_PHRASE, len(words) - at), 0, -1):
+        for length in range(min(LONGEST_PHRASE, len(words) - at), 0, -1):
             phrase = tuple(words[at : at + length])
             if phrase in all_nouns():
                 found.append((at, phrase))

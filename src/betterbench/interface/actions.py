@@ -37,6 +37,9 @@ CONTROL_RATE_HZ = 20.0
 USUAL_ROBOT = "panda"
 """Robot that is used by scenes, plans and files that do not name a robot."""
 
+PANDA_OPENING_M = 0.08
+"""Largest opening width of the gripper of a Franka Panda [m]."""
+
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
 )

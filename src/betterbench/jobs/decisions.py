@@ -28,8 +28,6 @@ Author = Annotated[str, Field(min_length=1, max_length=80)]
 """Name of the person who made the decision."""
 Time = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?(Z|\+00:00)$")]
 """Time of a decision: UTC, ISO 8601."""
-Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-"""Content hash (SHA-256)."""
 _Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
 
 

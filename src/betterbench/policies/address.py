@@ -74,9 +74,9 @@ class Option:
 
     def fits(self, name: str) -> bool:
         """Return whether a name in an address, such as "camera.image", refers to this option."""
-        if name == self.name:
-            return not self.takes_key
-        return name.startswith(self.name) and self.takes_key
+        if self.takes_key:
+            return name.startswith(self.name) and name != self.name
+        return name == self.name
 
 
 EXECUTION = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from betterbench.interface.state import WorldState
 from betterbench.tasks import Condition, Subgoal, Task, stream
@@ -83,18 +82,6 @@ class Situation:
     task: Task
     condition: Condition
     seed: int
-
-
-class DecisionRule(Protocol):
-    """Interface of a decision rule, which decides what a privileged policy does next."""
-
-    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
-        """Return the decision for the current state.
-
-        Args:
-            state: Current state of the simulation.
-            history: Decisions that have already been carried out in this episode.
-        """
 
 
 def carried(goal: Subgoal) -> bool:

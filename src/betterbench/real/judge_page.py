@@ -11,12 +11,11 @@ import json
 import threading
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib import resources
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.browser.plain import Answer, PlainServer
+from betterbench.browser.plain import Answer, PlainServer, file_of_package
 from betterbench.json_form import read_form
 from betterbench.real.judging import JudgeDesk
 from betterbench.real.outcomes import OUTCOMES
@@ -45,9 +44,9 @@ class JudgePage:
         """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._desk, self._lock = desk, threading.Lock()
         get: dict[str, Callable[[], Answer | None]] = {
-            "": functools.partial(_packaged, "judge.html", "text/html"),
-            "judge.js": functools.partial(_packaged, "judge.js", "text/javascript"),
-            "judge.css": functools.partial(_packaged, "judge.css", "text/css"),
+            "": functools.partial(file_of_package, __package__, "judge.html", "text/html"),
+            "judge.js": functools.partial(file_of_package, __package__, "judge.js", "text/javascript"),
+            "judge.css": functools.partial(file_of_package, __package__, "judge.css", "text/css"),
             "state": self._state,
         }
         for number, trial in enumerate(desk.trials):
@@ -93,8 +92,3 @@ class JudgePage:
                 else:
                     self._desk.step(1 if sent.name == "next" else -1)
             return self.state()
-
-
-@functools.cache
-def _packaged(name: str, kind: str) -> Answer:
-    return f"{kind}; charset=utf-8", resources.files("betterbench.real").joinpath(name).read_bytes()

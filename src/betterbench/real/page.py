@@ -11,14 +11,13 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib import resources
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
 from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.browser.plain import Answer, PlainServer
+from betterbench.browser.plain import Answer, PlainServer, file_of_package
 from betterbench.json_form import read_form
 from betterbench.real.outcomes import OUTCOMES
 from betterbench.real.session import Command, RealSession
@@ -47,9 +46,9 @@ class OperatorPage:
         """Start listening for the browser. Raise InvalidInputError if the port is in use."""
         self._session = session
         get: dict[str, Callable[[], Answer | None]] = {
-            "": functools.partial(_packaged, "page.html", "text/html"),
-            "page.js": functools.partial(_packaged, "page.js", "text/javascript"),
-            "page.css": functools.partial(_packaged, "page.css", "text/css"),
+            "": functools.partial(file_of_package, __package__, "page.html", "text/html"),
+            "page.js": functools.partial(file_of_package, __package__, "page.js", "text/javascript"),
+            "page.css": functools.partial(file_of_package, __package__, "page.css", "text/css"),
             "state": self._state,
             "ghost.png": self._ghost,
             "twin.jpg": self._twin,
@@ -111,8 +110,3 @@ def ghost_png(image: np.ndarray, masks: list[np.ndarray]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(layers).save(buffer, "PNG")
     return buffer.getvalue()
-
-
-@functools.cache
-def _packaged(name: str, kind: str) -> Answer:
-    return f"{kind}; charset=utf-8", resources.files("betterbench.real").joinpath(name).read_bytes()

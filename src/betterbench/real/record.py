@@ -28,10 +28,11 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
-from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Undo, histories, now, read_decisions
+from betterbench.jobs.decisions import Author, DecisionJournal, Time, Undo, histories, now, read_decisions
 from betterbench.jobs.durable import on_disk, write_durably
 from betterbench.jobs.line_journal import LINK, LineJournal, complete_lines, link_after, linked_forms, say_lost_tail
 from betterbench.json_form import (
+    Digest,
     content_digest,
     dump_json,
     file_digest,

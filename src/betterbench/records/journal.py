@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, TypeAdapter
 
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.jobs.line_journal import LineJournal, complete_lines, link_after, not_following
-from betterbench.json_form import read_form
+from betterbench.json_form import Digest, read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
@@ -61,9 +61,6 @@ class JournalEntry:
         return TrialId(self.task, self.condition, self.seed)
 
 
-_Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-
-
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     """JSON form of an entry. All fields are written. Journals of older versions have no ground truth."""
 
@@ -75,8 +72,8 @@ class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     message: str | None
     wall: dict[str, float]
     ground_truth: dict[str, str] = {}
-    record: _Digest | None = None
-    scene: _Digest | None = None
+    record: Digest | None = None
+    scene: Digest | None = None
     link: str | None = None
 
 

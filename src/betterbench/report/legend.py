@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
-from betterbench.diagnosis.verdict import OUTCOME_ALONE, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.tasks import Axis
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
@@ -33,38 +33,34 @@ UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
 NOT_JUDGED: dict[str, str] = {"right": "Right", "execution": "Failure, cause not judged", "system": "System failure"}
 """Families of runs in worlds that judge only the outcome of a trial."""
 
+_OUTCOMES = (Label.SUCCESS, Label.TIMEOUT, Label.POLICY_ERROR, Label.UNFINISHED)
+"""Labels of trials in worlds that judge only the outcome of a trial."""
+
 _UNMET = "The step limit was reached before the goal."
 """Definition of a timeout in worlds that judge only the outcome of a trial."""
 
 
-def judges_causes(trials: Iterable[TrialDiagnosis]) -> bool:
-    """Return whether the cause of a failure was judged, or could have been, in any of the trials."""
-    failed = [t for t in trials if t.kind in (Kind.REASONING, Kind.EXECUTION)]
-    return not failed or any(t.evidence.rule != OUTCOME_ALONE for t in failed)
+def causes_judged(diagnoses: Sequence[RunDiagnosis]) -> bool:
+    """Return whether the causes of failures are judged in the world of at least one of the runs."""
+    return any(diagnosis.causes_judged for diagnosis in diagnoses)
 
 
-def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
+def families_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     """Return the families of outcomes and their names for the legend. Each family has one color.
 
     The family of unfinished trials is only included if a trial is unfinished.
     """
-    listed = list(trials)
-    families = FAMILIES if judges_causes(listed) else NOT_JUDGED
-    return {**families, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in listed) else {})}
+    families = FAMILIES if causes_judged(diagnoses) else NOT_JUDGED
+    return {**families, **(UNFINISHED if any(d.unfinished for d in diagnoses) else {})}
 
 
-def modes_of(trials: Iterable[TrialDiagnosis]) -> list[FailureMode]:
-    """Return the failure modes that the page explains.
-
-    If no cause was judged, these are only the modes of the given trials.
-    """
-    listed = list(trials)
-    families = families_of(listed)
+def modes_of(diagnoses: Sequence[RunDiagnosis]) -> list[FailureMode]:
+    """Return the failure modes that the page explains."""
+    families = families_of(diagnoses)
     modes = [mode for mode in LEGEND.values() if mode.family in families]
-    if judges_causes(listed):
+    if causes_judged(diagnoses):
         return modes
-    found = {t.label for t in listed}
-    shown = (mode for mode in modes if mode.label in found)
+    shown = (mode for mode in modes if mode.label in _OUTCOMES)
     return [replace(mode, definition=_UNMET) if mode.label is Label.TIMEOUT else mode for mode in shown]
 
 

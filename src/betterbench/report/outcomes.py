@@ -85,7 +85,7 @@ def is_abroad(diagnosis: RunDiagnosis) -> bool:
 
     Runs in these worlds have no diagnostic matrices, reference policies or certificates.
     """
-    return bool(diagnosis.trials) and not any(facts_of_task(trial.task).measured for trial in diagnosis.trials)
+    return bool(diagnosis.worlds) and not any(world.measured for world in diagnosis.worlds)
 
 
 def task_title(name: str) -> str:

@@ -328,7 +328,7 @@ def demonstrated(task: Task, *, engine: str) -> Demonstrated:
         raise InvalidInputError(where, f"demonstrations of {task.id} have not been measured", cure)
     for what, there, here in (
         ("suite version", found.suite, SUITE_VERSION),
-        ("MuJoCo", _minor(found.engine), _minor(engine)),
+        ("MuJoCo", minor_version(found.engine), minor_version(engine)),
         (f"version of {task.id}", found.version, task.version),
     ):
         if there != here:
@@ -396,5 +396,9 @@ def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
     return DemonstrationsFile({**before, **found}).to_text()
 
 
-def _minor(version: str) -> str:
+def minor_version(version: str) -> str:
+    """Return the major and minor part of a MuJoCo version.
+
+    The minor part matters because contact forces, and therefore scores, can change between minor versions of MuJoCo.
+    """
     return ".".join(version.split(".")[:2])

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import NO_TRUTH, dump_json, json_schema_of, read_bounded, read_form, strict_form
+from betterbench.json_form import NO_TRUTH, Digest, dump_json, json_schema_of, read_bounded, read_form, strict_form
 
 HEAD = "suite.json"
 """Name of the file that lists the tasks of a suite."""
@@ -42,7 +42,6 @@ _CURE = "Get the folder again, or write the suite again"
 
 _NAME_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
 _Name = Annotated[str, Field(pattern=_NAME_PATTERN)]
-_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 @strict_form
@@ -50,7 +49,7 @@ _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 class _Head:
     schema_version: Annotated[Literal[1], NO_TRUTH]
     name: _Name
-    tasks: Annotated[dict[_Name, _Digest], Field(min_length=1)]
+    tasks: Annotated[dict[_Name, Digest], Field(min_length=1)]
 
 
 _HEAD = TypeAdapter(_Head)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.sim.scenes.rooms import ROOMS, UNSEEN_ROOMS, room_named
+from betterbench.sim.scenes.rooms import ROOMS, UNSEEN_ROOMS
 from betterbench.sim.scenes.stage import CAMERAS, FAST, HIGH, STANDARD, Quality, quality_preset, stage_spec
 
 
@@ -83,8 +83,6 @@ def test_two_stages_are_the_same_and_rooms_differ():
 
 
 def test_bad_values_are_named():
-    with pytest.raises(UnknownNameError, match="concrete"):
-        room_named("concret")
     with pytest.raises(UnknownNameError, match="standard"):
         quality_preset("standart")
     with pytest.raises(InvalidInputError, match="samples"):

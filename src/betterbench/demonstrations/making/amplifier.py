@@ -20,7 +20,7 @@ from betterbench.interface.state import WorldState
 from betterbench.policies.experts.motion import CARRY, FREE, OPEN, Motion, Pace, delta_action, follow
 from betterbench.policies.experts.planner import OUT_OF_REACH, Planner
 from betterbench.policies.experts.privileged import measured_releases
-from betterbench.policies.experts.skills import SURE
+from betterbench.policies.experts.skills import PRESS_M, SURE
 from betterbench.records import SkillWindow
 from betterbench.sim.scenes import Scene
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
@@ -71,8 +71,6 @@ ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
 """Maximum displacement of a transit's midpoint relative to the source demonstration: sideways, down and up [m]."""
 LAST_STEPS = 60
 """Maximum number of control steps between the end of the last skill and the moment at which the goal is met."""
-PRESS_M = 0.004
-"""Distance by which the gripper pushes a drawer beyond its stop when closing it [m], as the expert does."""
 FULL_M = 0.003
 """Maximum distance from its stop at which a drawer counts as fully open [m]."""
 

@@ -15,11 +15,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import TypeAdapter
 
 from betterbench.demonstrations.shortcuts.words import instruction_words
-from betterbench.errors import RecordError
-from betterbench.json_form import read_form, strict_form
 from betterbench.records import Record, subgoal_segments
 from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS
@@ -36,7 +33,6 @@ The x axis points away from the robot, and the y axis points to its left.
 """
 
 
-@strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
     """Manipulation step of a demonstration: the moved object, its origin and its target.
@@ -54,7 +50,6 @@ class ShownStep:
     target: str
 
 
-@strict_form
 @dataclass(frozen=True, slots=True)
 class EpisodeFacts:
     """Facts of one demonstration.
@@ -90,19 +85,6 @@ class EpisodeFacts:
     def to_json(self) -> dict[str, Any]:
         """Return the facts as a JSON-serializable dict."""
         return asdict(self)
-
-
-_FACTS = TypeAdapter(EpisodeFacts)
-
-
-def read_facts(form: object, where: str) -> EpisodeFacts:
-    """Parse the facts of a demonstration from JSON. Raise RecordError if they are invalid.
-
-    Args:
-        form: Parsed JSON value.
-        where: File name for error messages.
-    """
-    return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:

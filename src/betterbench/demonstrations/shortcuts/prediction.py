@@ -31,7 +31,7 @@ from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers th
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
 from betterbench.jobs.durable import write_durably
-from betterbench.json_form import dump_json, read_bounded, read_form, strict_form
+from betterbench.json_form import Digest, dump_json, read_bounded, read_form, strict_form
 from betterbench.ordinary_file import open_ordinary, read_ordinary
 from betterbench.quoting import json_text
 from betterbench.tasks import SUITE_VERSION, get_task, task_names
@@ -90,7 +90,6 @@ _MAX_BYTES = 8 * 1024 * 1024
 _CURE = "Use a file that `better dataset` or `better shortcuts` wrote"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 @strict_form
@@ -133,7 +132,7 @@ class Prediction:
     betterbench: str
     suite: str
     source: str
-    facts_sha256: _Sha256
+    facts_sha256: Digest
     dataset_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
     tasks: tuple[str, ...]
     variations: tuple[Forecast, ...]

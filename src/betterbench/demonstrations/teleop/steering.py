@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.geometry import Pose, angle_between, distance, normalize, straight_way
+from betterbench.geometry import Pose, angle_between, distance, normalize, straight_way, vector_of
 from betterbench.policies.experts.motion import FREE, delta_action
 from betterbench.sim.robots import RobotSpec
 from betterbench.sim.robots.spec import SteeringLimits
@@ -62,8 +62,7 @@ class Reach:
             position[:2], why = center[:2] + limits.nearest_m * out, OUT_OF_REACH
         if position[2] > limits.highest_m:
             position[2], why = limits.highest_m, OUT_OF_REACH
-        x, y, z = (float(v) for v in position)
-        return Pose((x, y, z), wanted.quaternion), why
+        return Pose(vector_of(position), wanted.quaternion), why
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from betterbench.evaluation.ray_engine.session import (
     kill,
     loss_errors,
 )
-from betterbench.evaluation.trials.trial import RunSettings, broken_entry
+from betterbench.evaluation.trials.trial import WorkerSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount
 from betterbench.evaluation.workers.worker import even_share
 from betterbench.jobs import RetryLedger, write_durably
@@ -46,7 +46,7 @@ _CALLS = 2  # one running and one queued call, so that workers never wait for th
 def ray_entries(
     session: RaySession,
     run: RunFolder,
-    settings: RunSettings,
+    settings: WorkerSettings,
     rounds: Iterable[Sequence[Trial]],
     *,
     served: bool = False,
@@ -94,7 +94,7 @@ class _WorkerActor:
 class RayPool:
     """Pool of the workers that run the trials of a run on a Ray cluster."""
 
-    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
+    def __init__(self, session: RaySession, run: RunFolder, settings: WorkerSettings, steps: StepCount) -> None:
         """Create the pool. The arguments are the same as for :func:`ray_entries`."""
         self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.sim.graphics import take_device
@@ -71,7 +71,7 @@ class RemoteWorker:
     The worker runs trials in a temporary folder with a copy of ``run.json``, and deletes files after sending them.
     """
 
-    def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
+    def __init__(self, settings: WorkerSettings, description: bytes, known: Sequence[str]) -> None:
         """Store the settings, the content of ``run.json``, and the hashes of the scenes already in the run folder."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None

@@ -21,7 +21,7 @@ from betterbench.evaluation.ray_engine.session import (
 from betterbench.evaluation.serving.host import exit_hung, run_address
 from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.shared_policy import Deadline
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.policies.serving.server import PolicyServer
 
 logger = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class Replicas:
         environment: Environment variables that a worker needs to connect to the replicas.
     """
 
-    def __init__(self, session: RaySession, settings: RunSettings) -> None:
+    def __init__(self, session: RaySession, settings: WorkerSettings) -> None:
         """Store the settings. The replicas are started by :meth:`start`."""
         self._session, self._settings = session, settings
         self._actors: list[Any] = []

@@ -19,7 +19,7 @@ from betterbench.evaluation.planning.plan import Plan
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.given_policy import kind_of_callers, needs_in_run
-from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
+from betterbench.evaluation.trials.trial import TrialRunner, TrialSteps, WorkerSettings
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.jobs.conflict import require_same
 from betterbench.jobs.durable import on_disk
@@ -84,7 +84,7 @@ class ExternalRun:
         self.plan = plan
         self.start: EpisodeStart | None = None
         self.entry: JournalEntry | None = None
-        self._trial_runner = TrialRunner(RunSettings.of(plan, out), policies=_Declared(info))
+        self._trial_runner = TrialRunner(WorkerSettings.of(plan, out), policies=_Declared(info))
         self._steps: TrialSteps | None = None
         self._asked = 0.0
 

@@ -24,7 +24,7 @@ from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.given_policy import needs_in_run
 from betterbench.evaluation.trials.shared_policy import POLICY_TIMEOUT_S
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.step_count import StepCount, StepReport
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
@@ -143,7 +143,7 @@ def evaluate(
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
-        settings = RunSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
+        settings = WorkerSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
         settings = _with_policy(settings, asked, needs, workers=count, envs=envs)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
@@ -262,8 +262,8 @@ def _ask_policy(
 
 
 def _with_policy(
-    settings: RunSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
-) -> RunSettings:
+    settings: WorkerSettings, asked: _Asked, needs: PolicyNeeds, *, workers: int, envs: int | None
+) -> WorkerSettings:
     """Return a copy of the settings, completed with facts about the policy and with the number of environments."""
     first, most = (envs, envs) if envs else envs_between(asked.envs, workers, world=settings.world)
     return replace(
@@ -276,7 +276,7 @@ def _with_policy(
     )
 
 
-def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
+def _engine_form(engine: Engine, settings: WorkerSettings) -> dict[str, str | int]:
     """Return the description of the execution engine, in the form that is stored in ``run.json``."""
     form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
     if settings.most_envs > settings.envs:
@@ -306,7 +306,7 @@ def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
 
 def _entries(
     run: RunFolder,
-    settings: RunSettings,
+    settings: WorkerSettings,
     schedule: Schedule,
     *,
     asked: _Asked,

@@ -52,7 +52,7 @@ Like :data:`betterbench.episodes.Steps`, it yields requests to the policy. It re
 
 
 @dataclass(frozen=True, slots=True)
-class RunSettings:
+class WorkerSettings:
     """Settings that apply to all trials of a run. They can be pickled and sent to workers.
 
     Attributes:
@@ -98,7 +98,7 @@ class RunSettings:
     turn: int = 0
 
     @classmethod
-    def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
+    def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> WorkerSettings:
         """Return the settings for a plan and a run folder."""
         return cls(
             str(run.absolute()),
@@ -132,7 +132,7 @@ class TrialRunner:
 
     def __init__(
         self,
-        settings: RunSettings,
+        settings: WorkerSettings,
         *,
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Self
 
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
-from betterbench.evaluation.trials.trial import RunSettings, broken_entry
+from betterbench.evaluation.trials.trial import WorkerSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.jobs import RetryLedger
@@ -38,7 +38,7 @@ _END_S = 10.0
 class WorkerProcess(SpawnedProcess):
     """Worker process of the pool, with its state."""
 
-    def __init__(self, settings: RunSettings) -> None:
+    def __init__(self, settings: WorkerSettings) -> None:
         super().__init__(work, settings, name="betterbench-worker")
         self.trials: dict[TrialId, Trial] = {}  # assigned trials that have not ended
         self.alone = False  # whether the process runs only one trial, because another process died while running it
@@ -63,7 +63,7 @@ class WorkerPool:
 
     def __init__(
         self,
-        settings: RunSettings,
+        settings: WorkerSettings,
         workers: int,
         *,
         watch: Callable[[], None] | None = None,
@@ -217,7 +217,7 @@ class WorkerPool:
         logger.warning("another worker process cannot start (%s); the run continues with %d", how, self._workers)
 
 
-def work(settings: RunSettings, connection: Connection) -> None:
+def work(settings: WorkerSettings, connection: Connection) -> None:
     """Main function of a worker process: receive trials through a pipe, and send back journal entries.
 
     The process sends None when it is ready, and receives None when there is no more work. If it sends an error, the run

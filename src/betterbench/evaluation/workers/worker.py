@@ -19,7 +19,7 @@ from betterbench.episodes import Question, Reply
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError, one_line
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
-from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
+from betterbench.evaluation.trials.trial import TrialRunner, TrialSteps, WorkerSettings
 from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, EnvironmentCount
 from betterbench.evaluation.workers.memory import room_for, used_bytes
 from betterbench.interface import BatchPolicy, Observation, Policy
@@ -124,7 +124,7 @@ class Worker:
 
     def __init__(
         self,
-        settings: RunSettings,
+        settings: WorkerSettings,
         *,
         policies: PolicyFactory | None = None,
         on_step: Callable[[int], None] | None = None,

@@ -111,17 +111,14 @@ class Theme:
             return known[key]
 
         def extended(before: Choice, rest: list[str]) -> Iterator[Choice]:
+            if not rest:
+                yield before
+                return
             name, *later = rest
             for kinds in of_group(name, before):
-                if later:
-                    yield from extended({**before, name: kinds}, later)
-                else:
-                    yield {**before, name: kinds}
+                yield from extended({**before, name: kinds}, later)
 
-        if self.groups:
-            yield from extended({}, list(self.groups))
-        else:
-            yield {}
+        yield from extended({}, list(self.groups))
 
 
 @dataclass(frozen=True, slots=True)

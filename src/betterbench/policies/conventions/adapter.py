@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.interface.actions import CONTROL_RATE_HZ
+from betterbench.interface.actions import CONTROL_RATE_HZ, PANDA_OPENING_M
 from betterbench.json_form import NO_TRUTH, read_bounded, read_form, strict_form
 from betterbench.policies.conventions.answers import AnswerRule
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
@@ -23,9 +23,6 @@ from betterbench.policies.conventions.proprioception import StateRule
 
 if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
     from betterbench.tasks import TrialId
-
-PANDA_OPENING_M = 0.08
-"""Opening width of a fully open Franka gripper [m]."""
 
 
 @strict_form

@@ -23,7 +23,7 @@ EVERY_CAMERA = "*"
 """Camera name that selects all cameras of the observation. The key of the image input must then contain ``{camera}``.
 """
 
-_LARGEST_SIDE = 4096
+LARGEST_SIDE_PX = 4096
 
 
 @strict_form
@@ -60,9 +60,9 @@ class ImageRule:
         if (self.width is None) != (self.height is None):
             raise InvalidInputError(where, "only one of width and height is set", "Set both or neither")
         for side in (self.width, self.height):
-            if side is not None and not 1 <= side <= _LARGEST_SIDE:
+            if side is not None and not 1 <= side <= LARGEST_SIDE_PX:
                 raise InvalidInputError(
-                    where, f"{side} pixels are out of range", f"Use a number from 1 to {_LARGEST_SIDE}"
+                    where, f"{side} pixels are out of range", f"Use a number from 1 to {LARGEST_SIDE_PX}"
                 )
         if not 0.0 < self.keep <= 1.0:
             raise InvalidInputError(

@@ -12,7 +12,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near, turn_between
 from betterbench.interface import Observation
-from betterbench.interface.actions import JOINT_POSITION, ROBOT_ACTION_SPACES, ActionSpace
+from betterbench.interface.actions import JOINT_POSITION, ROBOT_ACTION_SPACES
 from betterbench.json_form import strict_form
 from betterbench.policies.conventions.rotation import ROTATION_SIZES, RotationFormat, to_format
 
@@ -213,6 +213,8 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     if part == "joint_velocities":
         return list(observation.joint_velocities.tolist())
     if part in ROBOT_ACTION_SPACES:
+        from betterbench.sim.robots import motor_positions  # noqa: PLC0415 - imports MuJoCo, which is needed only here
+
         return motor_positions(ROBOT_ACTION_SPACES[part], observation)
     if part == "step":
         return [observation.step]
@@ -234,22 +236,6 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     if part == "ee_rpy_from_down":
         return to_format(turn_between(TOOL_DOWN, (w, x, y, z)), "rpy")
     return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
-
-
-def motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
-    """Return the measured motor positions in the units of a robot's action space.
-
-    Raises PolicyError if the observation comes from a different robot.
-    """
-    from betterbench.sim.robots import robot_of_space  # noqa: PLC0415 - imports MuJoCo, which is needed only here
-
-    spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
-    if len(joints) != space.dim - 1:
-        raise PolicyError(
-            f"{space.name} is a state format of the robot {spec.title}, but the observed robot has {len(joints)} "
-            f"joints. Evaluate with --robot {spec.name}, or choose another preset."
-        )
-    return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:

@@ -18,6 +18,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import from_axis_angle
 from betterbench.interface import EpisodeStart, Observation, episode_number
 from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.image_rule import LARGEST_SIDE_PX
 from betterbench.policies.conventions.proprioception import StateRule
 
 if TYPE_CHECKING:  # policy processes must not import the tasks, which take long to load
@@ -26,7 +27,6 @@ if TYPE_CHECKING:  # policy processes must not import the tasks, which take long
 _MOST_LISTS = 3
 NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
-_LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
 """Largest allowed absolute value of positions, angles and velocities [m, rad, m/s, rad/s].
 
@@ -232,7 +232,7 @@ def _image(value: object, where: str) -> np.ndarray:
         or value.dtype != np.uint8
         or value.ndim != 3
         or value.shape[2] != 3
-        or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= _LARGEST_SIDE
+        or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= LARGEST_SIDE_PX
     ):
         found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise InvalidInputError(where, f"got {found}", "Send an upright RGB image, (height, width, 3) uint8")

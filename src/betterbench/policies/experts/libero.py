@@ -15,7 +15,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import TOOL_DOWN, Pose, Vector, distance, from_yaw, horizontal_distance, multiply, rotate
 from betterbench.interface.state import ObjectInfo, WorldState
-from betterbench.policies.experts.motion import CLOSE, OPEN, TRANSLATION_PER_UNIT_M, Motion, delta_action
+from betterbench.policies.experts.motion import CLOSE, OPEN, Motion, delta_action, disturbed
 from betterbench.policies.experts.registry import parse_address
 from betterbench.policies.faulty import Fault
 from betterbench.sim.worlds import ProcessScene
@@ -115,10 +115,7 @@ class LiberoAgent:
             action = next(self._run)
         else:
             action = self._run.send(state)
-        if self._noise_m > 0.0 and action[:3].any():
-            action[:3] += self._random.normal(0.0, self._noise_m / TRANSLATION_PER_UNIT_M, 3)
-            np.clip(action, -1.0, 1.0, out=action)
-        return action
+        return disturbed(action, self._noise_m, self._random)
 
     def close(self) -> None:
         """End the episode and release its resources."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.geometry import Pose, angle_between, distance, straight_way, to_axis_angle, turn_between
+from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
 from betterbench.interface.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
@@ -17,8 +18,6 @@ state.
 """
 
 OPEN, CLOSE = -1.0, 1.0
-TRANSLATION_PER_UNIT_M = 0.05
-ROTATION_PER_UNIT_RAD = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +45,20 @@ RAILS = Pace(0.14, 0.05, 0.4)
 """Limits for moving a drawer. The motion is slow, so that objects in the drawer do not slide."""
 APPROACH = Pace(0.16, 0.05, 0.6)
 """Limits for the last part of a motion, before contact."""
+
+
+def disturbed(action: np.ndarray, noise_m: float, generator: np.random.Generator) -> np.ndarray:
+    """Return an action in the action space ``ee_delta`` with noise on its translation. The action may be changed.
+
+    Args:
+        action: The action. If it does not translate the tool, no noise is drawn.
+        noise_m: Standard deviation of the noise along each axis [m].
+        generator: Source of the noise.
+    """
+    if noise_m > 0.0 and action[:3].any():
+        action[:3] += generator.normal(0.0, noise_m / TRANSLATION_PER_UNIT_M, 3)
+        np.clip(action, -1.0, 1.0, out=action)
+    return action
 
 
 def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 from betterbench.policies.decisions import Bring, Decision, Draw, Freeze, GraspAt, GraspOffset, Rest, Situation, Wander
 from betterbench.policies.experts.address import WITNESS, Address
-from betterbench.policies.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
+from betterbench.policies.experts.motion import OPEN, delta_action, disturbed, hold
 from betterbench.policies.experts.planner import Planner
 from betterbench.policies.experts.probes import make_replay
 from betterbench.policies.experts.registry import EXPERTS, REPLAYS, parse_address, witnessed
@@ -201,10 +201,7 @@ class PrivilegedAgent:
             action = next(self._run)
         else:
             action = self._run.send(state)
-        if self._execution.action_noise_m > 0.0 and action[:3].any():
-            action[:3] += self._noise.normal(0.0, self._execution.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
-            np.clip(action, -1.0, 1.0, out=action)
-        return self._controller.own_action(action)
+        return self._controller.own_action(disturbed(action, self._execution.action_noise_m, self._noise))
 
     def close(self) -> None:
         """End the episode, so that the scene (about 25 MB) is freed as soon as nothing else refers to it."""

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import re
 import reprlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast
 
-from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, errors_explained, require_parameters
+from betterbench.errors import (
+    BetterError,
+    InvalidInputError,
+    Place,
+    UnknownNameError,
+    errors_explained,
+    name_taken,
+    registering_place,
+    require_parameters,
+)
 from betterbench.interface.policy import PolicyInfo, require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 
 if TYPE_CHECKING:
-    from types import FrameType
-
     from betterbench.interface import Policy
     from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
     from betterbench.sim.scenes import Scene
@@ -219,14 +224,15 @@ class PolicyKind:
             return self.form.read(text, world=world)
         return self._returned("read", self.read(text, world), PolicyAddress)
 
-    def needs_of(self, text: str) -> PolicyNeeds:
+    def needs_of(self, address: str | PolicyAddress) -> PolicyNeeds:
         """Return the resources that the policy at an address needs.
 
-        Raises the errors of :meth:`parse` if the needs depend on the address.
+        Raises the errors of :meth:`parse` if the needs depend on the address and the address is a text.
         """
         if isinstance(self.needs, PolicyNeeds):
             return self.needs
-        return self._returned("needs", self.needs(self.parse(text)), PolicyNeeds)
+        parsed = self.parse(address) if isinstance(address, str) else address
+        return self._returned("needs", self.needs(parsed), PolicyNeeds)
 
     def info_of(self, address: PolicyAddress) -> PolicyInfo | None:
         """Return the description of a policy. Return None if the policy must be created to know it."""
@@ -274,25 +280,30 @@ class PolicyKind:
 KINDS: dict[str, PolicyKind] = {}
 """All registered policy kinds, by name."""
 
-_DEFINED_IN: dict[str, Path] = {}
+_REGISTERED_AT: dict[str, Place] = {}
 
 
-def register(kind: PolicyKind) -> PolicyKind:
+def register(kind: PolicyKind, here: Place | None = None) -> PolicyKind:
     """Add a policy kind to the registry, and return the kind.
 
+    Args:
+        kind: The policy kind.
+        here: Place that registers the kind. By default, this is the place that calls this function.
+
     Raises:
-        ValueError: If another kind has the same name, if the scheme is not one word, if the example is not an
-            address of the kind, or if the function that makes the policies is missing.
+        InvalidInputError: If another kind has the same name. The message names both places.
+        ValueError: If the scheme is not one word, if the example is not an address of the kind, or if the function that
+            makes the policies is missing.
     """
+    here = here or registering_place()
     if kind.name in KINDS:
-        place = f", in {_shown(_DEFINED_IN[kind.name])}" if kind.name in _DEFINED_IN else ""
-        raise ValueError(f"another policy kind has the name {kind.name!r}{place}. Choose another scheme")
+        raise name_taken(f"policy kind {kind.name!r}", _REGISTERED_AT[kind.name], here)
     if not re.fullmatch(r"\w[\w.+-]*", kind.name):
         raise ValueError(f"scheme {kind.name!r} must be one word, such as sway")
     if kind.summary:  # without a summary, a kind only explains why its addresses are rejected
         _require_complete(kind)
     KINDS[kind.name] = kind
-    _DEFINED_IN[kind.name] = _registering_file()
+    _REGISTERED_AT[kind.name] = here
     return kind
 
 
@@ -312,20 +323,6 @@ def _require_complete(kind: PolicyKind) -> None:
         raise ValueError(f"{where}: make is missing. Pass the function that returns a policy for an address")
 
 
-def _registering_file() -> Path:
-    """Return the path of the file that registers a kind."""
-    frame: FrameType | None = sys._getframe(1)
-    while frame is not None and frame.f_code.co_name != "<module>":
-        frame = frame.f_back
-    return Path("" if frame is None else frame.f_code.co_filename)
-
-
-def _shown(path: Path) -> str:
-    """Return a path in the package, or a file name, for messages."""
-    package = Path(__file__).parents[3]
-    return path.relative_to(package).as_posix() if path.is_relative_to(package) else path.name
-
-
 def find_kind(address: str) -> PolicyKind | None:
     """Return the policy kind to which an address belongs, or None if there is none."""
     return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
@@ -334,7 +331,7 @@ def find_kind(address: str) -> PolicyKind | None:
 def defining_file(address: str) -> str:
     """Return the path of the file that registers the policy kind of an address, or "" if there is no such kind."""
     kind = find_kind(address)
-    return "" if kind is None else str(_DEFINED_IN[kind.name])
+    return "" if kind is None else _REGISTERED_AT[kind.name].file
 
 
 def kind_of(address: str) -> PolicyKind:
@@ -413,9 +410,9 @@ def make_policy(address: str, *, world: str = "") -> Policy:
     read = kind.parse(address, world=world)
     if kind.make is None:
         raise read.error("this policy can only be created for the scene of one episode", "Evaluate it with better eval")
-    needs = kind.needs if isinstance(kind.needs, PolicyNeeds) else kind.needs(read)
-    keep = Exception if needs.process else BetterError  # a policy's process describes errors of the user's code
-    with errors_explained(str(_DEFINED_IN[kind.name]), keep=(keep, OSError)):
+    # A policy's own process describes errors of the user's code.
+    keep = Exception if kind.needs_of(read).process else BetterError
+    with errors_explained(_REGISTERED_AT[kind.name].file, keep=(keep, OSError)):
         made = kind.make(read)
     _require_present(made, read)
     require_policy(made, f"policy {read}")

@@ -48,11 +48,11 @@ def still_action(space: ActionSpace, observation: Observation) -> np.ndarray:
     The gripper is commanded to open. In an action space that sets the opening width, the gripper keeps its measured
     width instead.
     """
-    from betterbench.policies.conventions.proprioception import motor_positions
-
     if (neutral := space.neutral) is not None:
         return np.array([*neutral[:-1], -1.0])
     if space.name in OPENING_SPACES:
+        from betterbench.sim.robots import motor_positions
+
         return np.array(motor_positions(space, observation))
     if space.name == JOINT_POSITION.name:
         return np.array([*observation.joint_positions, -1.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, registering_place
 from betterbench.interface import PolicyInfo
 from betterbench.interface.actions import PLANNED_SPACES
 from betterbench.policies.address import AddressForm, PolicyAddress
@@ -45,7 +45,8 @@ def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
             describe=describe_privileged,
             require_world=_require_world,
             spaces=PLANNED_SPACES,
-        )
+        ),
+        registering_place(),
     )
 
 

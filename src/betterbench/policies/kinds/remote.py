@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, registering_place
 from betterbench.policies.address import (
     ADAPTER,
     CAMERA,
@@ -82,7 +82,8 @@ def register_server(
             compares=True,
             require_world=require_own_layout,
             space_in_world=answers_in,
-        )
+        ),
+        registering_place(),
     )
 
 

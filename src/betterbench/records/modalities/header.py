@@ -10,7 +10,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector
-from betterbench.json_form import strict_form
+from betterbench.json_form import Digest, strict_form
 from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE, semantics_of_instances
 from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 
@@ -66,7 +66,7 @@ class ViewHeader:
     condition: str
     seed: _Count
     policy: str
-    record_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    record_sha256: Digest
     scene_hash: str
     view: ViewSpec
     quality: str

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.figures.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
-from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of, judges_causes
+from betterbench.report.legend import AXIS_NAMES, LEGEND, causes_judged, families_of
 from betterbench.report.outcomes import task_title
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
@@ -97,8 +97,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         ("All variations", lambda t: t.variation is not None),
     ]
     scopes += [(name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
-    trials = [t for d in diagnoses for t in d.trials]
-    families = families_of(trials)
+    families = families_of(diagnoses)
     groups: list[StackGroup] = []
     for title, keep in scopes:
         rows = [
@@ -115,7 +114,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "outcomes",
         "How the trials ended",
-        f"Numbers of trials. {causes if judges_causes(trials) else ''}System failure: the policy did not run.",
+        f"Numbers of trials. {causes if causes_judged(diagnoses) else ''}System failure: the policy did not run.",
         tuple(groups),
         key=tuple(families.items()),
     )
@@ -123,7 +122,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 
 def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     """Return the chart of the most frequent failure modes in variation trials."""
-    families = families_of(t for d in diagnoses for t in d.trials)
+    families = families_of(diagnoses)
     groups = []
     for d in diagnoses:
         varied = [t for t in d.trials if t.variation is not None]

@@ -43,10 +43,9 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
     """
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
-    diagnosed = [t for d in diagnoses for t in d.trials]
     return {
-        "labels": {e.label.value: [e.name, e.family, e.definition] for e in modes_of(diagnosed)},
-        "kinds": families_of(diagnosed),
+        "labels": {e.label.value: [e.name, e.family, e.definition] for e in modes_of(diagnoses)},
+        "kinds": families_of(diagnoses),
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,

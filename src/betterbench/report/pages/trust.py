@@ -14,7 +14,6 @@ from betterbench.report.pages.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed, points
 from betterbench.tasks import SUITE_VERSION, Expected, get_task
-from betterbench.tasks.worlds.facts import facts_of_task
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
@@ -23,8 +22,7 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     Each statement consists of one or two sentences.
     """
     if all(map(is_abroad, diagnoses)):
-        worlds = {name: facts_of_task(name) for d in diagnoses for name in dict.fromkeys(t.task for t in d.trials)}
-        return {name: text for facts in worlds.values() for name, text in facts.statements.items()}
+        return {name: text for d in diagnoses for facts in d.worlds for name, text in facts.statements.items()}
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}

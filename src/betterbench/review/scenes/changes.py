@@ -16,7 +16,6 @@ from betterbench.interface.state import Region
 from betterbench.jobs.decisions import (
     Author,
     DecisionJournal,
-    Digest,
     History,
     Time,
     Undo,
@@ -24,7 +23,7 @@ from betterbench.jobs.decisions import (
     histories,
     read_decisions,
 )
-from betterbench.json_form import strict_form
+from betterbench.json_form import Digest, strict_form
 
 _Name = Annotated[str, Field(min_length=1, max_length=120)]
 _Meters = Annotated[float, Field(ge=-2.0, le=2.0)]

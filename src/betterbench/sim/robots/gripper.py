@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from betterbench.geometry import Pose, normalize
+from betterbench.geometry import Pose, normalize, vector_of
 from betterbench.interface.actions import USUAL_ROBOT
 from betterbench.sim.robots.physics import PHYSICS
 from betterbench.sim.robots.spec import RobotSpec, build_robot_spec, robot
@@ -43,8 +43,7 @@ def add_floating_gripper(spec: mujoco.MjSpec, name: str = USUAL_ROBOT) -> RobotS
     carrier.mass, carrier.inertia, carrier.explicitinertial = 0.1, (1e-4, 1e-4, 1e-4), True
     tool = carrier.add_body(name=TOOL_BODY)
     site = arm.site(known.tcp_site)
-    x, y, z = (float(v) for v in site.pos)
-    T_tool_hand = Pose((x, y, z), normalize(site.quat)).inverse()
+    T_tool_hand = Pose(vector_of(site.pos), normalize(site.quat)).inverse()
     hand = tool.add_frame().attach_body(arm.body(known.hand_body), PREFIX, "")
     hand.pos, hand.quat = T_tool_hand.position, T_tool_hand.quaternion
     for joint, axis in zip(CARRIER_JOINTS, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), strict=True):

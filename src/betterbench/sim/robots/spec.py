@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 import mujoco
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.geometry import Vector
+from betterbench.interface import Observation
 from betterbench.interface.actions import USUAL_ROBOT, ActionSpace
 from betterbench.sim.robots.jaws import Jaw
 from betterbench.sim.robots.varied import VariedQuantity
@@ -291,6 +292,20 @@ def robot_of_space(action_space: str) -> RobotSpec:
     if action_space not in known:
         raise UnknownNameError("action space", action_space, known)
     return known[action_space]
+
+
+def motor_positions(space: ActionSpace, observation: Observation) -> list[float]:
+    """Return the measured motor positions in the units of a robot's action space.
+
+    Raises PolicyError if the observation comes from a different robot.
+    """
+    spec, joints = robot_of_space(space.name), observation.joint_positions.tolist()
+    if len(joints) != space.dim - 1:
+        raise PolicyError(
+            f"{space.name} is a state format of the robot {spec.title}, but the observed robot has {len(joints)} "
+            f"joints. Evaluate with --robot {spec.name}, or choose another preset."
+        )
+    return spec.positions_in(space, joints, observation.gripper_width)
 
 
 def robot_space(name: str, action_space: str | None = None) -> str:

@@ -11,12 +11,10 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.geometry import Pose, Quaternion, from_axis_angle, normalize
+from betterbench.geometry import Pose, Quaternion, from_axis_angle, normalize, vector_of
 from betterbench.interface.state import CameraOffset, ViewJitter
+from betterbench.records.modalities.spec import MAX_SIDE_PX
 from betterbench.sim.scenes.stage import KEY_LIGHT
-
-MAX_SIDE_PX = 4096
-"""Largest allowed width or height of an image [pixel]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,8 +124,7 @@ def camera_matrices(
     R_world_camera = data.cam_xmat[number].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
-    x, y, z = (float(value) for value in data.cam_xpos[number])
-    return CameraMatrices(K, Pose((x, y, z), normalize(quaternion.tolist())), width, height)
+    return CameraMatrices(K, Pose(vector_of(data.cam_xpos[number]), normalize(quaternion.tolist())), width, height)
 
 
 def camera_number(model: mujoco.MjModel, camera: str) -> int:

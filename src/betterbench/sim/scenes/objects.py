@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, normalize
+from betterbench.geometry import Pose, normalize, vector_of
 from betterbench.sim.assets import Asset, CollisionPart
 from betterbench.sim.robots.physics import PHYSICS
 
@@ -160,5 +160,4 @@ def rest_pose(asset: Asset) -> Pose:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=1000)
-    x, y, z = (float(v) for v in data.qpos[:3])
-    return Pose((x, y, z), normalize(data.qpos[3:7]))
+    return Pose(vector_of(data.qpos[:3]), normalize(data.qpos[3:7]))

@@ -97,12 +97,3 @@ def with_cloth(room: Room, cloth: str | None) -> Room:
     if cloth not in CLOTHS:
         raise UnknownNameError("tablecloth", cloth, CLOTHS)
     return replace(room, name=f"{room.name}, {cloth} cloth", surface="cloth", table=CLOTHS[cloth])
-
-
-def room_named(name: str) -> Room:
-    """Return the room with the given name. Raises UnknownNameError if there is none."""
-    known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
-    try:
-        return known[name]
-    except KeyError:
-        raise UnknownNameError("room", name, known) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import platform
 from abc import ABC, abstractmethod
@@ -13,12 +12,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from betterbench.errors import InvalidInputError, place_of
-from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Vector, vector_of
 from betterbench.interface import ObservationSpec
 from betterbench.interface.actions import ActionSpace
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.sim.scenes.described import SceneDescription
-from betterbench.sim.worlds.world import Instructed, World
+from betterbench.sim.worlds.world import Instructed, World, digest_of_files
 from betterbench.tasks import Truth
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ class BareScene(ABC):
         self._require_positions()
         if type(self) not in _STARTED:
             self._require_same_start()
-        self.info = SceneInfo(self._objects, (), _vector(self.hand), OPENING_M)
+        self.info = SceneInfo(self._objects, (), vector_of(self.hand), OPENING_M)
         return self.state()
 
     def _require_positions(self) -> None:
@@ -140,12 +139,12 @@ class BareScene(ABC):
     def state(self) -> WorldState:
         """Return the privileged state."""
         still = tuple(0.0 for _ in self._objects)
-        pose = Pose(_vector(self.hand), IDENTITY_QUATERNION)
+        pose = Pose(vector_of(self.hand), IDENTITY_QUATERNION)
         return WorldState(
             info=self.info,
             step=self._step,
             time_s=self._step / self.control_rate_hz,
-            positions=tuple(map(_vector, self.positions)),
+            positions=tuple(map(vector_of, self.positions)),
             quaternions=tuple(IDENTITY_QUATERNION for _ in self._objects),
             linear_speeds=still,
             angular_speeds=still,
@@ -186,7 +185,7 @@ class BareScene(ABC):
     @property
     def content_hash(self) -> str:
         """SHA-256 digest of the scene's files, under which the scene is stored."""
-        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+        return digest_of_files(self.files())
 
     def views(self, spec: ObservationSpec, renderers: Renderers) -> dict[str, Images]:
         """Return an empty dictionary, because the scene has no cameras."""
@@ -249,8 +248,3 @@ def bare_object(name: str, kind: str, *, size_m: Vector = (0.04, 0.04, 0.04)) ->
         name=name, kind=kind, asset=kind, category=kind, color="", shape="", role="fixture", fixed=True, mass_kg=0.0,
         size_m=size_m,
     )  # fmt: skip
-
-
-def _vector(numbers: np.ndarray) -> Vector:
-    x, y, z = map(float, numbers)
-    return (x, y, z)

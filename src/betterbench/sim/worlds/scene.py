@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
@@ -14,14 +13,14 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion, vector_of
 from betterbench.interface import ObservationSpec
-from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
+from betterbench.interface.actions import LIBERO_ABSOLUTE, PANDA_OPENING_M, ActionSpace
 from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.sim.worlds.rows import RowForm
-from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World
+from betterbench.sim.worlds.world import USUAL_SCENE, Instructed, SceneOptions, World, digest_of_files
 from betterbench.tasks import Truth
 from betterbench.tasks.worlds.libero import IMAGE_SIDE, OURS, PROTOCOLS, FieldProtocol, suite_named
 from betterbench.tasks.worlds.libero_training import TrainedTask
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
 PROCESSES = 2
 """Initial number of environments per worker. It is small, because each environment is a separate
 process that takes long to start."""
-
-PANDA_OPENING_M = 0.08
-"""Largest opening width of robosuite's Panda gripper [m]."""
 
 _STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
 _NUMBERS: Mapping[str, int | None] = {
@@ -320,7 +316,7 @@ class ProcessScene:
     @property
     def content_hash(self) -> str:
         """SHA-256 digest of the scene's files, under which the scene is stored."""
-        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+        return digest_of_files(self.files())
 
     def files(self) -> dict[str, bytes]:
         """Return the files that are stored for the scene: the task's file, and a description of the settled scene.
@@ -682,12 +678,6 @@ def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
         raise WorldError(
             f"the simulator sent {name} as {image.dtype} {image.shape}, expected {np.dtype(agreed)} {shape}"
         )
-
-
-def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
-    """Convert three numbers to a vector of Python floats."""
-    x, y, z = map(float, values)
-    return (x, y, z)
 
 
 def _from_matrix(numbers: Sequence[float]) -> Quaternion:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -180,6 +181,11 @@ class Tracker(Protocol):
 
     def update(self, state: WorldState) -> Truth:
         """Return the relations and subgoals that hold in a state. Pass the states in order, starting with the reset."""
+
+
+def digest_of_files(files: Mapping[str, bytes]) -> str:
+    """Return the SHA-256 digest of a scene's files, under which the scene is stored."""
+    return hashlib.sha256(b"\0".join(data for _, data in sorted(files.items()))).hexdigest()
 
 
 class TrialScene(Protocol):

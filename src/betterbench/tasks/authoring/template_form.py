@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, TypeAdapter
 
@@ -21,8 +21,11 @@ _Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 _Steps = Annotated[int, Field(ge=0, lt=10**6)]
 _Count = Annotated[int, Field(ge=0)]
 
+NumberT = TypeVar("NumberT", int, float)
 
-def _ascending(span: tuple[int, int]) -> tuple[int, int]:
+
+def ascending(span: tuple[NumberT, NumberT]) -> tuple[NumberT, NumberT]:
+    """Return the two ends of a span. Raises ValueError if the first is larger than the second."""
     if span[0] > span[1]:
         raise ValueError(f"{list(span)} must begin with the smaller number")
     return span
@@ -40,7 +43,7 @@ class _Group:
     group_id: _Text
     description: _Text
     allowed_types: tuple[_Text, ...]
-    count_range: Annotated[tuple[_Count, _Count], AfterValidator(_ascending)]
+    count_range: Annotated[tuple[_Count, _Count], AfterValidator(ascending)]
     role: Role
 
 

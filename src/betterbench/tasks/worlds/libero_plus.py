@@ -159,12 +159,3 @@ def axis_of(condition: str | None) -> str | None:
     """Return the axis of a LIBERO-Plus condition ("camera_0_0_100_2_352"), or None for other conditions."""
     axis, apart, _ = (condition or "").partition("_")
     return axis if apart and axis in AXES else None
-
-
-def change_in_words(condition: str) -> str:
-    """Describe in words what is changed in a LIBERO-Plus condition."""
-    axis, _, detail = condition.partition("_")
-    if axis == "noise":
-        kind, strength = divmod(int(detail) - 1, 10)
-        return f"{NOISES[kind]}, strength {strength + 1} of 10"
-    return f"{AXES[axis]} ({detail.replace('_', ' ')})"

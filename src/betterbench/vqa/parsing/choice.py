@@ -33,7 +33,8 @@ _WRAPPED = (
     re.compile(r"<answer>([^<]{0,2000})</answer>", re.IGNORECASE),
     re.compile(r"\\boxed\{(?:\\text\{)?([^{}]{0,2000})\}"),
 )
-_FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
+FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
+"""Block of code in Markdown, in which models write JSON."""
 
 
 def letters_of(options: tuple[str, ...]) -> dict[str, str]:
@@ -79,7 +80,7 @@ def _strict(letters: dict[str, str], text: str) -> Read | None:
 def _wrapped(text: str) -> list[str]:
     """Return the contents of markup (such as a box) that models put around the final answer, the last one first."""
     inside = [found for pattern in _WRAPPED for found in reversed(pattern.findall(text))]
-    for part in (text, *reversed(_FENCE.findall(text))):
+    for part in (text, *reversed(FENCE.findall(text))):
         if part.lstrip().startswith("{"):
             try:
                 form = parse_json(part.strip())

@@ -14,7 +14,7 @@ from typing import Any
 
 from betterbench.json_form import parse_json
 from betterbench.vqa.parsing.answer import NOTHING, AnswerSpec, Read
-from betterbench.vqa.parsing.choice import CLAIM
+from betterbench.vqa.parsing.choice import CLAIM, FENCE
 from betterbench.vqa.question import Form
 
 _NUMBER = r"-?(?:\d{1,6}(?:\.\d{0,12})?|\.\d{1,12})(?:[eE][+-]?\d{1,2})?"
@@ -28,7 +28,6 @@ _TAG = re.compile(r"<points?\b([^<>]{0,4000})>", re.IGNORECASE)
 _WHOLE_TAGS = re.compile(r"<points?\b[^<>]*>[^<>]*</points?>|<points?\b[^<>]*/?>", re.IGNORECASE)
 _ATTRIBUTE = re.compile(rf"\b([xy])(\d{{0,3}})\s*=\s*[\"']?\s*({_NUMBER})\s*[\"']?", re.IGNORECASE)
 _EXPONENT = re.compile(r"[+-]?0{0,9}\d{0,2}")
-_FENCE = re.compile(r"```(?:\w+)?\s*(.*?)```", re.DOTALL)
 _KEYS = ("point_2d", "point", "points", "coordinates", "coordinate", "bbox_2d", "box_2d", "bbox", "box", "points_2d")
 _CLAIM = re.compile(rf"(?i:{CLAIM}|final coordinates|result)\s*[:：=]?\s*")
 _CLAIMS_TRIED = 3
@@ -80,7 +79,7 @@ def _whole(spec: AnswerSpec, text: str) -> tuple[list[Numbers], str]:
     Otherwise, the list of groups is empty.
     """
     text = text.strip()
-    fence = _FENCE.fullmatch(text)
+    fence = FENCE.fullmatch(text)
     bare = (fence[1] if fence else text).strip()
     if _BARE.fullmatch(bare) or _GROUP.fullmatch(bare) or _LIST.fullmatch(bare):
         groups = [_split(m) for m in (_GROUP.findall(bare) or [bare])]
@@ -136,7 +135,7 @@ def _tagged(tags: Sequence[str]) -> list[Numbers]:
 
 
 def _json_inside(text: str) -> list[Numbers]:
-    for part in (*reversed(_FENCE.findall(text)), *_brackets(text)):
+    for part in (*reversed(FENCE.findall(text)), *_brackets(text)):
         groups = _of_json(part)
         if groups:
             return groups

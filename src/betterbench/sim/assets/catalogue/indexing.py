@@ -25,7 +25,6 @@ from betterbench.sim.assets.catalogue.kinds import kind_of, listed_kinds
 from betterbench.sim.assets.catalogue.sources.source import AssetSource
 from betterbench.sim.assets.catalogue.store import FILE, Store
 from betterbench.sim.assets.catalogue.vectors import (
-    FILES,
     VectorIndex,
     columns_of,
     quantized,
@@ -313,11 +312,6 @@ def _seal_kinds(folder: Path, known: _Vectors, encoder: TextEncoder, rows: Seque
         known.add(part, encoder.encode([new[digest] for digest in part]))
     marks = np.frombuffer(b"".join(digests), np.uint8).reshape(-1, 16)
     write_kinds(folder, rows, [kind for kind, _ in texts], marks, known.of(digests))
-
-
-def vector_files(folder: Path) -> tuple[Path, ...]:
-    """Return the paths of a catalogue's vector files."""
-    return tuple(folder / f"{name}.npy" for name in FILES)
 
 
 Skip = Callable[[str, str], None]

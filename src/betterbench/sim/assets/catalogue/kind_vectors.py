@@ -11,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from betterbench.errors import RecordError
 from betterbench.jobs.durable import DurableFile
 from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query, role_of
 from betterbench.sim.assets.catalogue.hypernyms import kind_named, members_named
 from betterbench.sim.assets.catalogue.kinds import kinds_named, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.terms import terms
-from betterbench.sim.assets.catalogue.vectors import text_digest
+from betterbench.sim.assets.catalogue.vectors import damaged, text_digest
 
 HEAD_SHARE = 0.2
 """Weight of a query's head ("a bowl" in "a bowl for fruit") in the similarity to a kind. The whole query has the
@@ -91,12 +90,12 @@ class KindIndex:
         self.table = _load(folder / _TEXTS)
         for array, kind, name in ((self.rows, np.dtype("<i2"), _ROWS), (self.table, _line(dimension), _TEXTS)):
             if array.dtype != kind or array.ndim != 1:
-                raise _damaged(folder / name, f"does not contain a one-dimensional array of type {kind}")
+                raise damaged(folder / name, f"does not contain a one-dimensional array of type {kind}")
         if len(self.rows) != count:
-            raise _damaged(folder / _ROWS, f"has {len(self.rows)} rows, but the catalogue has {count}")
+            raise damaged(folder / _ROWS, f"has {len(self.rows)} rows, but the catalogue has {count}")
         listed = np.unique(self.table["kind"])
         if not np.isin(np.unique(self.rows), [-1, *listed]).all() or (listed < 0).any():
-            raise _damaged(folder / _ROWS, "refers to kinds that have no texts")
+            raise damaged(folder / _ROWS, "refers to kinds that have no texts")
         order = np.argsort(self.table["kind"], kind="stable")
         self._vectors = self.table["vector"][order].astype(np.float32) * self.table["scale"][order, None]
         self._kinds, starts, self._totals = np.unique(self.table["kind"][order], return_index=True, return_counts=True)
@@ -257,11 +256,7 @@ def _load(path: Path) -> np.ndarray:
     try:
         array = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise _damaged(path, f"cannot be read ({error})") from error
+        raise damaged(path, f"cannot be read ({error})") from error
     if not isinstance(array, np.ndarray):
-        raise _damaged(path, "is not an array")
+        raise damaged(path, "is not an array")
     return array
-
-
-def _damaged(path: Path, problem: str) -> RecordError:
-    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")

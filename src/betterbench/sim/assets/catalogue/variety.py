@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
 from betterbench.sim.assets.catalogue.entry import CatalogueEntry
@@ -139,8 +139,3 @@ def _proportions(first: CatalogueEntry, second: CatalogueEntry) -> float:
     pairs = zip(first.size_m, second.size_m, strict=True)
     shares = [math.log(a / max(first.size_m)) - math.log(b / max(second.size_m)) for a, b in pairs]
     return max(map(abs, shares))
-
-
-def with_look(chosen: Chosen) -> CatalogueEntry:
-    """Return a copy of a chosen asset's catalogue row with the id of the chosen variant."""
-    return replace(chosen.hit.entry, id=chosen.id)

@@ -144,9 +144,9 @@ class VectorIndex:
             try:
                 array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
             except (OSError, ValueError, EOFError) as error:
-                raise _damaged(path, f"cannot be read ({error})") from error
+                raise damaged(path, f"cannot be read ({error})") from error
             if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.dtype(kind):
-                raise _damaged(path, f"does not contain an array of shape {shape} and type {kind}")
+                raise damaged(path, f"does not contain an array of shape {shape} and type {kind}")
             return array
 
         self._vectors = load("vectors", (count, dimension), "int8", mapped=True)
@@ -272,7 +272,8 @@ def _parts(places: np.ndarray) -> Iterator[np.ndarray]:
         yield places[start : start + _SPREAD]
 
 
-def _damaged(path: Path, problem: str) -> RecordError:
+def damaged(path: Path, problem: str) -> RecordError:
+    """Create the error for a damaged file of an index."""
     return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.geometry import Vector
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import Digest, read_bounded, read_form, strict_form
 from betterbench.tasks.user_files import ASSET_MANIFEST
 
 FORMAT = 1
@@ -23,7 +23,6 @@ CURE = "Import the assets again with `better assets import`"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 _Text = Annotated[str, Field(max_length=500)]
-_Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 _Positive = Annotated[float, Field(gt=0.0)]
 
 
@@ -49,7 +48,7 @@ class FolderAsset:
     """
 
     file: _Text
-    sha256: _Digest
+    sha256: Digest
     color: _Text
     kind: _Text = ""
     size_m: Vector
@@ -57,7 +56,7 @@ class FolderAsset:
     license: _Text
     author: _Text = ""
     source: _Text
-    source_files: dict[_Text, _Digest] = field(default_factory=dict)
+    source_files: dict[_Text, Digest] = field(default_factory=dict)
     options: dict[str, str | float | bool] = field(default_factory=dict)
     notes: tuple[_Text, ...] = ()
     importer: int = 1

@@ -17,8 +17,6 @@ from scipy import ndimage
 GRID = 72
 """Number of cells along the longest side. For an object 12 cm long, a cell has a side of 1.7 mm."""
 
-_SAMPLES_PER_CELL = 6.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:

@@ -25,7 +25,7 @@ import math
 import mujoco
 import numpy as np
 
-from betterbench.interface.actions import ACTION_SPACES
+from betterbench.interface.actions import ACTION_SPACES, PANDA_OPENING_M
 from betterbench.sim.robots.building import (
     COLLIDES,
     FIRM,
@@ -271,7 +271,7 @@ PANDA = RobotSpec(
     # enough for their accelerations, but a blocked arm pushes less hard (Franka's examples stop the real arm at contact
     # torques of 20-40 N m).
     joint_effort=(50.0, 50.0, 50.0, 50.0, 12.0, 12.0, 12.0),
-    gripper_opening_m=0.08,
+    gripper_opening_m=PANDA_OPENING_M,
     pad_size_m=(2.0 * PAD_HALF_SIZE[0], 2.0 * PAD_HALF_SIZE[2]),
     # The fingers are 58.4 mm below the hand frame and 54 mm long.
     tip_below_tcp_m=0.0584 + 0.054 - 0.1034,
@@ -281,7 +281,7 @@ PANDA = RobotSpec(
     gripper_lead_m=0.012,
     control_rate_hz=PHYSICS.control_rate_hz,
     reach_m=0.855,
-    jaw=ParallelJaw(0.08),
+    jaw=ParallelJaw(PANDA_OPENING_M),
     action_spaces=tuple(ACTION_SPACES),
     ik=IKWeights(
         # The length of the gripper [m], so that position and rotation errors have the same effect at the wrist.

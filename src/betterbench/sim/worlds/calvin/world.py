@@ -19,11 +19,12 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError, one_line, require_between
-from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
+from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate, vector_of
 from betterbench.interface.actions import (
     CALVIN_ABSOLUTE,
     CALVIN_ABSOLUTE_QUATERNION,
     CALVIN_DELTA,
+    PANDA_OPENING_M,
     PLAYED_IN,
     ActionSpace,
 )
@@ -32,14 +33,12 @@ from betterbench.json_form import open_form, read_form
 from betterbench.sim.worlds.installation import Installation
 from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed, sent_text, sent_texts
 from betterbench.sim.worlds.scene import (
-    PANDA_OPENING_M,
     ProcessScene,
     ProcessWorld,
     WorldTask,
     held_object,
     require_finite,
     require_image,
-    vector_of,
 )
 from betterbench.sim.worlds.world import Instructed, PlanRequest
 from betterbench.statistics.wording import plural

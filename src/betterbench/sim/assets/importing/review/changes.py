@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from betterbench.geometry import IDENTITY_QUATERNION, Quaternion, Vector
+from betterbench.geometry import Quaternion, Vector
 from betterbench.interface.state import Region
 from betterbench.jobs.decisions import Undo, Verdict
 from betterbench.json_form import strict_form
@@ -124,7 +124,6 @@ Decision = Annotated[
     Field(discriminator="kind"),
 ]
 """A change, a verdict or an undo."""
-AS_IMPORTED: Quaternion = IDENTITY_QUATERNION
 
 
 def said(change: Change) -> str:

@@ -15,9 +15,9 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.geometry import Vector
-from betterbench.jobs.decisions import Author, DecisionJournal, Digest, Time, Verdict, histories, read_decisions
+from betterbench.jobs.decisions import Author, DecisionJournal, Time, Verdict, histories, read_decisions
 from betterbench.jobs.decisions import History as DecisionHistory
-from betterbench.json_form import strict_form
+from betterbench.json_form import Digest, strict_form
 from betterbench.sim.assets.importing.importer import Imported
 from betterbench.sim.assets.importing.review.applying import SAME_SHARE, apply, size_of
 from betterbench.sim.assets.importing.review.changes import Decision
