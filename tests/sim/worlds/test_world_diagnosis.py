@@ -1,7 +1,9 @@
 """The diagnosis in LIBERO: policies with known faults get their labels, from the records alone."""
 
 import html
+import os
 import re
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -28,13 +30,19 @@ from betterbench.tasks.worlds.libero_training import trained_in, word_of_sentenc
 STEPS = 190
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def plan_of():
     folder = str(Path(__file__).parent)
     command = (sys.executable, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('fake_table')}")
+    made = {}
 
     def plan(policy, suite="libero_object_swap", steps=STEPS, **options):
-        plan = make_world_plan(policy, suite=suite, command=command, **{"tasks": ["0", "1"], "trials": 3, **options})
+        options = {"tasks": ["0", "1"], "trials": 3, **options}
+        # A plan starts a simulator, which answers by this variable; a plan that is the same is made once.
+        key = repr((policy, suite, sorted(options.items()), os.environ.get("FAKE_LAYOUT")))
+        if key not in made:
+            made[key] = make_world_plan(policy, suite=suite, command=command, **options)
+        plan = made[key]
         protocol = replace(plan.world.protocol, steps={"libero_object": steps})
         return replace(plan, world=replace(plan.world, protocol=protocol))
 
@@ -44,6 +52,13 @@ def plan_of():
 @pytest.fixture
 def run_of(plan_of, tmp_path):
     return lambda policy, **options: evaluate(plan_of(policy, **options), tmp_path / "run", workers=1, envs=1)
+
+
+@pytest.fixture(scope="module")
+def still(plan_of, tmp_path_factory):
+    """A run of one trial in which nothing is done."""
+    folder = tmp_path_factory.mktemp("still") / "run"
+    return evaluate(plan_of("noop", trials=1, tasks=["0"], steps=12), folder, workers=1, envs=1)
 
 
 def _truths(run):
@@ -172,7 +187,7 @@ def test_every_base_suite_has_its_own_next_run(tasks, told):
     assert untold_by([*trials, SimpleNamespace(task="libero_object-03", variation="swap")]) == ""
 
 
-def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run_of):
+def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(still):
     page = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
     section = page.partition("## The diagnosis")[2]
     table = section.partition("| behavior | label |")[2].partition("\n\n")[0]
@@ -182,13 +197,13 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
     assert listed & never == set()
     # Why those are never given: there is something to do in every task, and no order is part of it.
     assert never == {"order_violation", "correct_freeze", "correct_refusal"}
-    record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
+    record = next(iter(still.records()))
     condition = libero._condition(record.metadata, libero._goals(record.metadata))
     assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
 
 
-def test_what_is_not_diagnosed_is_said(run_of):
-    found = diagnose_run(run_of("noop", trials=1, tasks=["0"]))
+def test_what_is_not_diagnosed_is_said(still):
+    found = diagnose_run(still)
     assert any("harm to other objects is not judged" in note for note in found.notes)
     assert [t.label for t in found.trials] == ["early_halt"]
 
@@ -200,8 +215,8 @@ def test_the_regime_of_a_suite_says_which_word_stood_where(plan_of):
     assert trained.kind_targets["ball"] == (("basket", "inside", ""),)
 
 
-def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(run_of, tmp_path):
-    run_of("noop", trials=1, tasks=["0"])
+def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(still, tmp_path):
+    shutil.copytree(still.path, tmp_path / "run")
     rewrite(tmp_path / "run" / "run.json", lambda form: form["plan"]["world"].pop("regime"))
     with pytest.raises(RecordError, match=r"plan\.world.*regime.*Restore the file"):
         diagnose_run(tmp_path / "run")
