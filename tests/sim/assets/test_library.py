@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import pytest
 from PIL import Image
-from tests.daily import part_of_today
+from tests.daily import others_slow, part_of_today
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
@@ -164,9 +164,9 @@ def check_category(category, *, parts=1):
     looks_differ_and_colors_do_not_change_the_shape(category, chosen)
 
 
-@pytest.mark.parametrize("category", categories())
+@pytest.mark.parametrize("category", others_slow(categories(), 3))
 def test_every_fourth_look_keeps_the_contracts(category):
-    """Other looks each day; the slow test has all of them."""
+    """Other looks and categories each day; the slow test has all of them."""
     check_category(category, parts=4)
 
 
@@ -177,12 +177,10 @@ def test_every_look_keeps_the_contracts(category):
 
 
 def test_every_process_makes_the_same_bits():
-    code = (
-        "from betterbench.sim.assets import build, categories\n"
-        "print([build(c, look=3).content_hash() for c in categories()])"
-    )
+    today = part_of_today(categories(), 5)
+    code = f"from betterbench.sim.assets import build\nprint([build(c, look=3).content_hash() for c in {today}])"
     elsewhere = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert elsewhere.strip() == str([build(c, look=3).content_hash() for c in categories()])
+    assert elsewhere.strip() == str([build(c, look=3).content_hash() for c in today])
 
 
 def test_an_asset_of_each_category_keeps_its_bytes(golden):
@@ -266,7 +264,7 @@ def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch):
         command = [str(script), str(tmp_path / f"{name}.py"), name, str(picture)]
         load(tmp_path / f"{name}.py", code)
         try:
-            check_category(name)
+            check_category(name, parts=4)
         finally:
             unregister(name)
         monkeypatch.setattr(sys, "argv", command)

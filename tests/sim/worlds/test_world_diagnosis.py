@@ -58,7 +58,7 @@ def run_of(plan_of, tmp_path):
 def still(plan_of, tmp_path_factory):
     """A run of one trial in which nothing is done."""
     folder = tmp_path_factory.mktemp("still") / "run"
-    return evaluate(plan_of("noop", trials=1, tasks=["0"], steps=12), folder, workers=1, envs=1)
+    return evaluate(plan_of("noop", trials=1, tasks=["0"]), folder, workers=1, envs=1)
 
 
 def _truths(run):
