@@ -69,7 +69,7 @@ SEEDS = 40
 """Seeds over which nearly every look and every room is met many times."""
 
 
-@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 6))
+@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 9))
 def test_every_condition_is_framed_as_promised(task_id):
     """Each condition at one of the seeds, another one each day; the slow test has all of them."""
     found, task = [], get_task(task_id)

@@ -67,7 +67,7 @@ def hardly_shown(scene: Scene, name: str, pixels: int) -> str:
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 4))
+@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 6))
 def test_every_object_that_an_instruction_names_can_be_seen(task_id):
     for condition in conditions_of(task_id):
         shown = shown_pixels(scene_of(condition))

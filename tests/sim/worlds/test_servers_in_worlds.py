@@ -136,9 +136,7 @@ def test_libero_opens_the_gripper_when_starvla_says_so(fake_command, tmp_path, g
     assert {float(action[0]) for action in given} == {float(np.float32(-0.3))}
 
 
-@pytest.mark.parametrize(
-    ("said", "opens"), [(1.0, 1.0), (0.0, 0.0), pytest.param(-1.0, -1.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("said", "opens"), [(1.0, 1.0), (0.0, 0.0), pytest.param(-1.0, -1.0, marks=pytest.mark.slow)])
 def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path, given, said, opens):
     with opened(said) as server:
         plan = make_world_plan(f"starvla://127.0.0.1:{server.port}", suite="calvin", trials=1, command=calvin_command)

@@ -73,9 +73,7 @@ def test_a_run_ends_with_the_success_of_the_world(plan_of, tmp_path):
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_results_do_not_depend_on_workers_environments_or_the_trials_before(
-    plan_of, policies_here, tmp_path, workers
-):
+def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, policies_here, tmp_path, workers):
     plan = plan_of(trials=3)
     together = _bytes(evaluate(plan, tmp_path / "together", workers=1, envs=1))
     assert together == _bytes(evaluate(plan, tmp_path / "side by side", workers=workers, envs=2))
@@ -260,7 +258,13 @@ def first_seen(plan_of, fake_command):
     """The instruction and the first observation of a trial."""
     processes = WorldProcesses(fake_command)
     scene = ProcessScene(
-        plan_of().world, processes, task="libero_object-03", condition="base", seed=1, action_space=EE_DELTA, images=True
+        plan_of().world,
+        processes,
+        task="libero_object-03",
+        condition="base",
+        seed=1,
+        action_space=EE_DELTA,
+        images=True,
     )
     seen = Observer(observation_spec("default")).observe(scene, scene.reset())
     scene.close(well=True)
