@@ -9,7 +9,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-
 from tests.sim.modalities.conftest import draw_in_one_process
 
 from betterbench.cli.main import EXIT_BAD_INPUT, main

@@ -152,10 +152,9 @@ def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path,
     assert run.context["policy"]["metadata"]["adapter"]["name"] == "starvla_calvin"
 
 
+@pytest.mark.usefixtures("policies_here")
 @pytest.mark.parametrize(("space", "size"), [("calvin_absolute", 6), ("calvin_absolute_quaternion", 7)])
-def test_a_python_policy_answers_absolute_actions_and_sees_depth(
-    calvin_command, policies_here, tmp_path, given, space, size
-):
+def test_a_python_policy_answers_absolute_actions_and_sees_depth(calvin_command, tmp_path, given, space, size):
     file = tmp_path / "mine.py"
     file.write_text(POLICY.format(space=space, size=size))
     plan = make_world_plan(
