@@ -164,7 +164,7 @@ def check_category(category, *, parts=1):
     looks_differ_and_colors_do_not_change_the_shape(category, chosen)
 
 
-@pytest.mark.parametrize("category", others_slow(categories(), 3))
+@pytest.mark.parametrize("category", others_slow(categories(), 5))
 def test_every_fourth_look_keeps_the_contracts(category):
     """Other looks and categories each day; the slow test has all of them."""
     check_category(category, parts=4)
@@ -254,25 +254,23 @@ def test_a_generator_needs_a_name_a_color_and_a_look():
 PAGE = Path(__file__).parents[3] / "docs" / "adding-an-asset.md"
 
 
-def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch):
-    """Carries the page out: both files, the checks that it names, and the picture."""
+@pytest.mark.parametrize("name", others_slow(["candle", "book"], 2))
+def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch, name):
+    """Carries the page out: the file, the checks that it names, and the picture."""
     candle, book, look = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    script = tmp_path / "look.py"
+    script, file, picture = (tmp_path / other for other in ("look.py", f"{name}.py", f"{name}.png"))
     script.write_text(look)
-    for name, code in (("candle", candle), ("book", book)):
-        picture = tmp_path / f"{name}.png"
-        command = [str(script), str(tmp_path / f"{name}.py"), name, str(picture)]
-        load(tmp_path / f"{name}.py", code)
-        try:
-            check_category(name, parts=4)
-        finally:
-            unregister(name)
-        monkeypatch.setattr(sys, "argv", command)
-        try:  # the script loads the file by itself
-            runpy.run_path(str(script), run_name="__main__")
-        finally:
-            unregister(name)
-        assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
+    load(file, {"candle": candle, "book": book}[name])
+    try:
+        check_category(name)
+    finally:
+        unregister(name)
+    monkeypatch.setattr(sys, "argv", [str(script), str(file), name, str(picture)])
+    try:  # the script loads the file by itself
+        runpy.run_path(str(script), run_name="__main__")
+    finally:
+        unregister(name)
+    assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
 
 
 @pytest.mark.parametrize("look", looks("takeaway_box")[:3])

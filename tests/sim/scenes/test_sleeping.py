@@ -70,7 +70,7 @@ def loaded_drawer() -> Scene:
     return scene
 
 
-@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 3))
+@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 5))
 def test_everything_that_nothing_touches_sleeps_and_its_contacts_stay_known(task_id):
     for variation in ("L1", "T1"):
         scene = build_scene(task_id, variation)

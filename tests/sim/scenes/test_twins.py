@@ -49,7 +49,7 @@ OF_ROBOTS = [task_of(name) for name in ROBOTS]
 REST = [name for name in TASKS if name not in OF_ROBOTS]
 
 
-@pytest.fixture(scope="module", params=[*OF_ROBOTS, *others_slow(REST, 3), pytest.param(SECOND, id="-".join(SECOND))])
+@pytest.fixture(scope="module", params=[*OF_ROBOTS, *others_slow(REST, 5), pytest.param(SECOND, id="-".join(SECOND))])
 def pairs(request: pytest.FixtureRequest) -> list[tuple[Scene, Scene, Changes]]:
     """Tests that ask for pairs run task by task, so that each scene is built once."""
     task_id, robot = request.param if isinstance(request.param, tuple) else (request.param, None)
