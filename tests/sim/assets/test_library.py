@@ -164,7 +164,7 @@ def check_category(category, *, parts=1):
     looks_differ_and_colors_do_not_change_the_shape(category, chosen)
 
 
-@pytest.mark.parametrize("category", others_slow(categories(), 5))
+@pytest.mark.parametrize("category", part_of_today(categories(), 5))
 def test_every_fourth_look_keeps_the_contracts(category):
     """Other looks and categories each day; the slow test has all of them."""
     check_category(category, parts=4)

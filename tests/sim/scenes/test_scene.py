@@ -48,7 +48,7 @@ def scene(task_id: str, name: str, seed: int = 0) -> Scene:
 
 @pytest.fixture(
     scope="module",
-    params=[*others_slow(TASKS, 5), *(pytest.param((t, True), marks=pytest.mark.slow) for t in TASKS)],
+    params=[*part_of_today(TASKS, 5), *(pytest.param((t, True), marks=pytest.mark.slow) for t in TASKS)],
     ids=lambda p: p if isinstance(p, str) else f"all of {p[0]}",
 )
 def scenes(request: pytest.FixtureRequest) -> list[Scene]:
