@@ -281,6 +281,7 @@ def test_blocks_are_placed_by_name_whatever_their_order(plan_of, tmp_path, monke
     """calvin_env's own scene D lists pink, blue, red; ``scene_obs`` is red, blue, pink."""
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue,block_red")
     turned = _bytes(evaluate(plan_of(trials=1), tmp_path / "turned", workers=1, envs=1))
+    assert len(turned) == 1
     assert turned.items() <= _bytes(undisturbed).items()
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue")
     with pytest.raises(Exception, match="the scene has the blocks block_pink, block_blue"):
