@@ -78,10 +78,10 @@ def test_a_view_in_another_look_draws_what_a_new_one_draws(scene):
         np.testing.assert_array_equal(view.draw(qpos, "front", jitter=NO_JITTER), looks["standard", 96][0])
         taken = views.take(2, quality="standard", size=96)
         taken[0].close()
-        again = views.take(2, quality="standard", size=96)
-        assert again[0] is taken[1]
-        assert not again[1].is_closed
-    assert all(view.is_closed for view in (*taken, *again))
+        again = views.take(1, quality="standard", size=96)
+        assert again == [taken[1]]
+        assert not again[0].is_closed
+    assert all(view.is_closed for view in taken)
 
 
 def test_a_forged_model_takes_nobody_along(scene, monkeypatch):
@@ -203,7 +203,7 @@ def undisturbed(scene):
 @pytest.mark.parametrize(
     ("hits", "expected"),
     [
-        *others_slow([(("open", "draw"), 3), (("prepare", "sights"), 3), (("again",), 3)], 3),
+        *others_slow([*(((moment,), 2) for moment in ("open", "prepare", "draw", "sights")), (("again",), 3)], 5),
         pytest.param(("open", "prepare", "draw", "sights", "again"), 7, marks=pytest.mark.slow),
     ],
 )

@@ -142,7 +142,8 @@ def test_results_do_not_depend_on_environments_order_or_the_trials_before(plan_o
     plan = plan_of()
     backwards = replace(plan, trials=plan.trials[::-1])
     assert _bytes(undisturbed) == _bytes(evaluate(backwards, tmp_path / "side by side", workers=1, envs=2))
-    alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone", workers=1, envs=1))
+    alone = _bytes(evaluate(replace(plan, trials=plan.trials[2:]), tmp_path / "alone", workers=1, envs=1))
+    assert len(alone) == 1
     assert alone.items() <= _bytes(undisturbed).items()
 
 

@@ -19,7 +19,7 @@ from betterbench.sim.worlds.installation import start_code
 from betterbench.sim.worlds.premises import check_premises
 from betterbench.sim.worlds.process import WorldError, WorldProcess
 
-MOST = int(os.environ.get("BETTERBENCH_MUTATIONS", "120"))
+MOST = int(os.environ.get("BETTERBENCH_MUTATIONS", "80"))
 """Mutations of each kind of answer; all of them with a large number."""
 ABSENT = object()
 VALUES = (None, True, 5, -1, 2.5, 10**400, 1e308, "x", "x" * 300_000, "\x1b[31m\nred", [], [[]], {}, {"a": {}}, ABSENT)

@@ -112,7 +112,12 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("misses", "label"), [("0", "behavioral_inertia"), ("1", "behavioral_inertia"), ("9", "execution_failure")]
+    ("misses", "label"),
+    [
+        ("0", "behavioral_inertia"),
+        pytest.param("1", "behavioral_inertia", marks=pytest.mark.slow),
+        ("9", "execution_failure"),
+    ],
 )
 def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypatch, misses, label):
     monkeypatch.setenv("FAKE_LAYOUT", "basket")
