@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.looping import each
 
@@ -34,6 +34,7 @@ def test_clipping_stays_inside_and_is_idempotent(numbers: list[float]) -> None:
 
 
 @SPACES
+@settings(max_examples=30)
 @given(data=st.data())
 def test_as_many_actions_are_counted_as_clipping_changes(space: ActionSpace, data: st.DataObject) -> None:
     near = st.sampled_from([*space.low, *space.high, 0.0, -0.0]) | st.floats(-4.0, 4.0, width=32)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from tests.daily import others_slow
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -141,7 +142,7 @@ def _closed(lid, base, *, body=0.033, height=0.11):
     return asset_of(draft, "jar", color="red")
 
 
-@pytest.mark.parametrize(("kind", "lid"), [("jar", 0.8), ("pepper mill", 0.8), ("bottle", 0.4)])
+@pytest.mark.parametrize(("kind", "lid"), others_slow([("jar", 0.8), ("pepper mill", 0.8), ("bottle", 0.4)], 3))
 def test_a_closed_vessel_does_not_stand_on_its_lid(planted, kind, lid):
     """Seed 11 of the planted assets: a jar whose lid is a fifth narrower than its body stands firmly on it."""
     asset = _closed(lid * 0.033, 0.032)
@@ -160,8 +161,12 @@ def test_a_jar_with_a_wide_lid_and_a_narrow_foot_stands_upright():
     assert run_check("upright", Subject(build("jam_jar"), kind_of("jam jar"))).outcome == "passed"
 
 
-@pytest.mark.parametrize(("lean", "outcome"), [(0.0, "passed"), (6.0, "passed"), (14.0, "failed"), (-19.0, "failed")])
-@pytest.mark.parametrize("height", [0.05, 0.10, 0.16])
+LEANS = [(0.0, "passed"), (6.0, "passed"), (14.0, "failed"), (-19.0, "failed")]
+
+
+@pytest.mark.parametrize(
+    ("height", "lean", "outcome"), others_slow([(h, *lean) for lean in LEANS for h in (0.05, 0.10, 0.16)], 3)
+)
 def test_the_axis_of_a_can_does_not_lean_even_if_it_rests_so(tub, height, lean, outcome):
     can = trimesh.creation.cylinder(0.033, height, sections=32)
     can.apply_transform(trimesh.transformations.rotation_matrix(np.radians(lean), [0.6, 0.8, 0.0]))
@@ -170,7 +175,7 @@ def test_the_axis_of_a_can_does_not_lean_even_if_it_rests_so(tub, height, lean, 
     assert run_check("upright", Subject(asset, kind_of("can"))).outcome == outcome
 
 
-@pytest.mark.parametrize("category", ["dinner_plate", "cereal_bowl", "burger"])
+@pytest.mark.parametrize("category", others_slow(["dinner_plate", "cereal_bowl", "burger"], 3))
 def test_a_hollow_or_a_dome_points_up(planted, category):
     """The tags of the bowl say that it is filled, so that it need not be open at the top."""
     asset, kind = build(category), kind_of(category)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tests.looping import each
+import pytest
+from tests.daily import others_slow
 
 from betterbench.sim.assets import build_unpainted, categories, looks, unseen_looks
 from betterbench.tasks.judging.picked_slots import closing_points
@@ -14,7 +15,7 @@ def test_every_category_that_can_be_grasped_has_closing_points():
     assert set(closing_points()) == {c for c in categories() if build_unpainted(c).grasps}
 
 
-@each("category", sorted(closing_points()))
+@pytest.mark.parametrize("category", others_slow(sorted(closing_points()), 4))
 def test_closing_points_are_where_the_preferred_grasps_close(category):
     points = closing_points()[category]
     met = set()

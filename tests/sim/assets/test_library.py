@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import pytest
 from PIL import Image
-from tests.daily import part_of_today
+from tests.daily import others_slow, part_of_today
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
@@ -164,9 +164,9 @@ def check_category(category, *, parts=1):
     looks_differ_and_colors_do_not_change_the_shape(category, chosen)
 
 
-@pytest.mark.parametrize("category", categories())
+@pytest.mark.parametrize("category", part_of_today(categories(), 5))
 def test_every_fourth_look_keeps_the_contracts(category):
-    """Other looks each day; the slow test has all of them."""
+    """Other looks and categories each day; the slow test has all of them."""
     check_category(category, parts=4)
 
 
@@ -177,12 +177,10 @@ def test_every_look_keeps_the_contracts(category):
 
 
 def test_every_process_makes_the_same_bits():
-    code = (
-        "from betterbench.sim.assets import build, categories\n"
-        "print([build(c, look=3).content_hash() for c in categories()])"
-    )
+    today = part_of_today(categories(), 5)
+    code = f"from betterbench.sim.assets import build\nprint([build(c, look=3).content_hash() for c in {today}])"
     elsewhere = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert elsewhere.strip() == str([build(c, look=3).content_hash() for c in categories()])
+    assert elsewhere.strip() == str([build(c, look=3).content_hash() for c in today])
 
 
 def test_an_asset_of_each_category_keeps_its_bytes(golden):
@@ -256,25 +254,23 @@ def test_a_generator_needs_a_name_a_color_and_a_look():
 PAGE = Path(__file__).parents[3] / "docs" / "adding-an-asset.md"
 
 
-def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch):
-    """Carries the page out: both files, the checks that it names, and the picture."""
+@pytest.mark.parametrize("name", others_slow(["candle", "book"], 2))
+def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch, name):
+    """Carries the page out: the file, the checks that it names, and the picture."""
     candle, book, look = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
-    script = tmp_path / "look.py"
+    script, file, picture = (tmp_path / other for other in ("look.py", f"{name}.py", f"{name}.png"))
     script.write_text(look)
-    for name, code in (("candle", candle), ("book", book)):
-        picture = tmp_path / f"{name}.png"
-        command = [str(script), str(tmp_path / f"{name}.py"), name, str(picture)]
-        load(tmp_path / f"{name}.py", code)
-        try:
-            check_category(name)
-        finally:
-            unregister(name)
-        monkeypatch.setattr(sys, "argv", command)
-        try:  # the script loads the file by itself
-            runpy.run_path(str(script), run_name="__main__")
-        finally:
-            unregister(name)
-        assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
+    load(file, {"candle": candle, "book": book}[name])
+    try:
+        check_category(name)
+    finally:
+        unregister(name)
+    monkeypatch.setattr(sys, "argv", [str(script), str(file), name, str(picture)])
+    try:  # the script loads the file by itself
+        runpy.run_path(str(script), run_name="__main__")
+    finally:
+        unregister(name)
+    assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
 
 
 @pytest.mark.parametrize("look", looks("takeaway_box")[:3])

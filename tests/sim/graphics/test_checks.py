@@ -73,7 +73,7 @@ def test_a_machine_without_opengl_is_told_what_to_install(clean):
             ("show fast_food --out {out}", "MUJOCO_EGL_DEVICE_ID", "77"),
             ("show fast_food --out {out}", "MUJOCO_GL", "foo"),
         ],
-        3,
+        6,
     ),
 )
 def test_every_verb_that_draws_names_the_variable_and_no_package(tmp_path, name, value, verb):

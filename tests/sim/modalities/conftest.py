@@ -88,9 +88,8 @@ def recorded(tmp_path_factory) -> Recorded:
     return found
 
 
-@pytest.fixture
-def one_process(monkeypatch, processes):
-    """Lets commands of several tests draw in one process."""
+def draw_in_one_process(monkeypatch, processes):
+    """Let commands draw in one process, which ``processes`` holds."""
 
     def kept(*, quality: str) -> KeptView:
         alive = [process for process in processes if not process.is_closed]
@@ -100,6 +99,12 @@ def one_process(monkeypatch, processes):
 
     for module in (materialization_run, viewing):
         monkeypatch.setattr(module, "LimitedView", kept)
+
+
+@pytest.fixture
+def one_process(monkeypatch, processes):
+    """Let commands of several tests draw in one process."""
+    draw_in_one_process(monkeypatch, processes)
 
 
 @pytest.fixture(scope="session")

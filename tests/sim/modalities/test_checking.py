@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.sim.modalities.conftest import draw_in_one_process
 
 from betterbench.cli.main import EXIT_BAD_INPUT, main
 from betterbench.errors import RecordError, RunConflictError
@@ -32,9 +33,11 @@ def place(folder, seed):
 
 
 @pytest.fixture(scope="module")
-def drawn(recorded, tmp_path_factory):
+def drawn(recorded, processes, tmp_path_factory):
     out = tmp_path_factory.mktemp("checked") / "modalities"
-    materialize_run(recorded.run, out, Wanted((VIEW,), ("boxes",)))
+    with pytest.MonkeyPatch.context() as patch:
+        draw_in_one_process(patch, processes)
+        materialize_run(recorded.run, out, Wanted((VIEW,), ("boxes",)))
     return out
 
 

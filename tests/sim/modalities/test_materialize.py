@@ -20,7 +20,7 @@ from tests.sim.modalities.agreement import (
     centers_lie_in_the_boxes,
     pixels_off_the_objects,
 )
-from tests.sim.modalities.conftest import VIEWS
+from tests.sim.modalities.conftest import VIEWS, draw_in_one_process
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError, UnknownNameError
 from betterbench.geometry import Pose
@@ -48,9 +48,11 @@ def place(folder, view, seed=0):
 
 
 @pytest.fixture(scope="module")
-def made(recorded, tmp_path_factory):
+def made(recorded, processes, tmp_path_factory):
     out = tmp_path_factory.mktemp("later") / "modalities"
-    done = materialize_run(recorded.run, out, Wanted((*VIEWS, PLACED)), workers=2)
+    with pytest.MonkeyPatch.context() as patch:
+        draw_in_one_process(patch, processes)
+        done = materialize_run(recorded.run, out, Wanted((*VIEWS, PLACED)))
     assert (done.trials, done.files, done.kept, done.rows) == (2, 6, 0, 2 * 3 * len(recorded.records[0]))
     return out
 
@@ -71,6 +73,12 @@ def test_drawn_while_recording_is_drawn_later_byte_for_byte(recorded, made):
     parquet = [name for name in live if name.endswith(".parquet")]
     assert len(parquet) == 4
     assert all(live[name] == later[name] for name in parquet)
+
+
+@pytest.mark.slow
+def test_two_workers_draw_the_same_bytes(recorded, made, tmp_path):
+    materialize_run(recorded.run, tmp_path / "modalities", Wanted((*VIEWS, PLACED)), workers=2)
+    assert hashes(tmp_path / "modalities") == hashes(made)
 
 
 def test_boxes_are_tight_to_the_masks_and_fractions_are_those_of_pixels(recorded, made):

@@ -156,7 +156,7 @@ def test_an_interrupted_file_of_rerun_leaves_nothing(recorded, tmp_path, number)
     until = time.monotonic() + 120.0
     while not list(tmp_path.iterdir()) and time.monotonic() < until and process.poll() is None:
         time.sleep(0.05)
-    time.sleep(0.5)
+    time.sleep(0.1)
     process.send_signal(number)
     _, said = process.communicate(timeout=60.0)
     assert process.returncode == 130, said

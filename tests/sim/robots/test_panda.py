@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import KDTree
+from tests.daily import others_slow
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.sim.robots import PANDA, build_robot_spec, robot, robot_names
@@ -194,11 +195,12 @@ def test_decimation_keeps_the_shape() -> None:
 LINKS = PANDA.arm_bodies
 LARGE = ("link5", "link6")
 """Links whose files are so large that link0 stands for them in the quick tests."""
+OTHERS = tuple(link for link in (*LINKS, "hand", "finger") if link not in LARGE)
 
 
 @pytest.mark.parametrize(
     "link",
-    [pytest.param(link, marks=pytest.mark.slow) if link in LARGE else link for link in (*LINKS, "hand", "finger")],
+    [*others_slow(OTHERS, 3), *(pytest.param(link, marks=pytest.mark.slow) for link in LARGE)],
 )
 def test_decimation_tears_nothing_and_turns_nothing_over(link: str) -> None:
     """Borders keep their length, so that no hole and no flap appears, and triangles look where the surface did."""

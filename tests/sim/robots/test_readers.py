@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from betterbench.sim.robots.readers import number_reader, number_writer, row_reader, speed_reader
@@ -10,6 +10,7 @@ from betterbench.sim.robots.readers import number_reader, number_writer, row_rea
 changes = st.lists(st.tuples(st.integers(0, 20), st.sampled_from([0.0, -0.0, 1.5, -2.0, 1e-300])), max_size=12)
 
 
+@settings(max_examples=50)
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=5, unique=True), changes)
 def test_rows_are_those_of_the_array_whatever_changes(rows, changes):
     array = np.arange(21.0).reshape(7, 3)
@@ -34,6 +35,7 @@ def test_no_rows_are_none():
     assert row_reader(np.zeros((3, 2)), [])() == ()
 
 
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 29), st.floats(-3.0, 3.0)), max_size=12))
 def test_speeds_are_the_norms_of_the_velocities(changes):
     array = np.zeros(30)

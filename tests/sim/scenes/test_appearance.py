@@ -24,6 +24,7 @@ from betterbench.sim.scenes.appearance import (
     START_TURN_RAD,
     UNSEEN_LOOK_SETS,
     look_of,
+    look_set_of,
     room_of,
     start_joints_of,
     view_jitter_of,
@@ -68,6 +69,19 @@ def test_a_cabinet_and_its_drawers_share_their_look():
         assert len({look_of("office_drawer", seed, ObjectSpec(k, k, k)) for k in kinds}) == 1
 
 
+@pytest.mark.physics
+@pytest.mark.parametrize(("shown", "most"), [("seen", LOOK_SETS), ("unseen", UNSEEN_LOOK_SETS)])
+def test_one_scene_is_compiled_for_each_set_of_looks(shown, most):
+    sets = [look_set_of("cheeseburger", seed, shown=shown) for seed in range(40)]
+    assert 3 <= len(set(sets)) <= most
+    seed = next(n for n, number in enumerate(sets) if number in sets[n + 1 :])
+    again = sets.index(sets[seed], seed + 1)
+    other = next(n for n, number in enumerate(sets) if number != sets[seed])
+    one, same, different = (scene("cheeseburger", n, looks=shown).compiled.content_hash for n in (seed, again, other))
+    assert one == same != different
+
+
+@pytest.mark.slow
 @pytest.mark.physics
 def test_runs_compile_a_few_scenes_only():
     hashes = {scene("cheeseburger", seed).compiled.content_hash for seed in range(40)}

@@ -40,7 +40,7 @@ def everything(renderer: Renderer, scene: Scene, camera: str, size: tuple[int, i
     return [i for i in (images.rgb, images.depth, images.masks) if i is not None]
 
 
-@pytest.mark.parametrize("task_name", others_slow((t.id for t in all_tasks()), 2))
+@pytest.mark.parametrize("task_name", others_slow((t.id for t in all_tasks()), 6))
 def test_culling_changes_no_pixel(task_name, monkeypatch):
     """Every task, both cameras, odd sizes, any posture; with shadows nothing but the sky is left out."""
     rng = np.random.default_rng(7)

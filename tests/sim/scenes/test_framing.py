@@ -69,7 +69,7 @@ SEEDS = 40
 """Seeds over which nearly every look and every room is met many times."""
 
 
-@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 3))
+@pytest.mark.parametrize("task_id", part_of_today(suite_tasks("better60"), 9))
 def test_every_condition_is_framed_as_promised(task_id):
     """Each condition at one of the seeds, another one each day; the slow test has all of them."""
     found, task = [], get_task(task_id)
@@ -112,7 +112,7 @@ def short_margins(task: Task, trials) -> str:
     return "\n".join(f"{c.id} seed {seed}: {1e3 * m:.1f} mm" for (c, seed, _), m in found if m < MARGIN_M)
 
 
-@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+@pytest.mark.parametrize("task_id", part_of_today(suite_tasks("better60"), 5))
 def test_a_target_of_any_look_is_in_the_picture_wherever_it_may_stand(task_id):
     """Margins count the ends of the jitters of slot and camera at once, so one trial of each look is enough.
 
@@ -167,7 +167,7 @@ def test_every_condition_is_framed_at_the_ends_of_the_jitter(task_id):
     assert not found, "\n".join(found)
 
 
-@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 2))
+@pytest.mark.parametrize("task_id", others_slow(suite_tasks("better60"), 5))
 def test_the_gripper_is_seen_over_every_slot(task_id):
     task = get_task(task_id)
     s = next(scenes(task, 0))

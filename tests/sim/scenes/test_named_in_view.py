@@ -67,7 +67,7 @@ def hardly_shown(scene: Scene, name: str, pixels: int) -> str:
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 2))
+@pytest.mark.parametrize("task_id", others_slow((task.id for task in all_tasks()), 6))
 def test_every_object_that_an_instruction_names_can_be_seen(task_id):
     for condition in conditions_of(task_id):
         shown = shown_pixels(scene_of(condition))
@@ -97,7 +97,7 @@ def test_the_white_plate_shows_under_the_red_one(name, seed):
     assert shown_pixels(scene_of(condition, seed))["white_plate"] >= STACKED_PX
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", others_slow([0, 1, 2], 3))
 def test_the_handle_of_the_upper_drawer_is_above_that_of_the_lower_one_in_the_image(seed):
     for condition in conditions_of("office_drawer"):
         scene = scene_of(condition, seed)

@@ -61,6 +61,7 @@ def addresses_advised(address: str, message: str) -> list[str]:
     return ["&".join((f"{name}?preset={preset}", *rest)) for preset in presets]
 
 
+@functools.cache  # many messages advise the same addresses
 def refusal(world: str, policy: str) -> str:
     """Return why a policy is refused, or an empty text if it is not."""
     try:

@@ -222,7 +222,7 @@ LOOKING = ["--suite", "point", "--tasks", "point-left", "--trials", "1", "--poli
 def look(path, *words):
     """Evaluate a policy that uses images in the world of a file, and return the status."""
     (path.parent / "looks.py").write_text(LOOKS, encoding="utf-8")
-    return main(["eval", "--task-file", str(path), *LOOKING, "--out", "run", *words])
+    return main(["eval", "--task-file", str(path), *LOOKING, "--workers", "1", "--out", "run", *words])
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def look(path, *words):
          "for 'front' has dtype float32"),
     ],
 )  # fmt: skip
-def test_wrong_images_are_errors_of_the_world_and_not_of_the_policy(load, capfd, returned, problem):
+def test_wrong_images_are_errors_of_the_world_and_not_of_the_policy(load, policies_here, capfd, returned, problem):
     head = "\n\n@dataclass(frozen=True, slots=True)\nclass PointWorld(World):"
     path = load((head, VIEWS.replace("RETURNED", returned)), WITH_IMAGES)
     assert look(path) == 2
@@ -254,7 +254,7 @@ def test_wrong_images_are_errors_of_the_world_and_not_of_the_policy(load, capfd,
     assert {e.status for e in RunFolder.open(path.parent / "run").entries()} == {"error"}
 
 
-def test_a_world_without_images_says_so_to_a_policy_that_needs_them(load, capfd):
+def test_a_world_without_images_says_so_to_a_policy_that_needs_them(load, policies_here, capfd):
     assert look(load(WITH_IMAGES)) == 2
     expected = r"PointScene\.views \(point\.py\): it returned no image.*or set observations of the world to .*_only"
     assert re.search(expected, " ".join(capfd.readouterr().err.split()))

@@ -29,6 +29,8 @@ from betterbench.tasks.worlds.calvin import calvin_chains, resampled_start_of, s
 from betterbench.tasks.worlds.calvin.resampling import APART_M, TRAINING_RANGE
 from betterbench.tasks.worlds.calvin.starts import BLOCKS
 
+pytestmark = pytest.mark.usefixtures("policies_here")  # but not for the fixture ``undisturbed``
+
 POLICY = """
 import numpy as np
 from betterbench.interface import PolicyInfo
@@ -140,7 +142,8 @@ def test_results_do_not_depend_on_environments_order_or_the_trials_before(plan_o
     plan = plan_of()
     backwards = replace(plan, trials=plan.trials[::-1])
     assert _bytes(undisturbed) == _bytes(evaluate(backwards, tmp_path / "side by side", workers=1, envs=2))
-    alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone", workers=1, envs=1))
+    alone = _bytes(evaluate(replace(plan, trials=plan.trials[2:]), tmp_path / "alone", workers=1, envs=1))
+    assert len(alone) == 1
     assert alone.items() <= _bytes(undisturbed).items()
 
 
@@ -278,10 +281,12 @@ def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(
 def test_blocks_are_placed_by_name_whatever_their_order(plan_of, tmp_path, monkeypatch, undisturbed):
     """calvin_env's own scene D lists pink, blue, red; ``scene_obs`` is red, blue, pink."""
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue,block_red")
-    assert _bytes(evaluate(plan_of(), tmp_path / "turned", workers=1, envs=1)) == _bytes(undisturbed)
+    turned = _bytes(evaluate(plan_of(trials=1), tmp_path / "turned", workers=1, envs=1))
+    assert len(turned) == 1
+    assert turned.items() <= _bytes(undisturbed).items()
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue")
     with pytest.raises(Exception, match="the scene has the blocks block_pink, block_blue"):
-        plan_of()
+        plan_of(trials=1)
 
 
 def test_a_scene_that_is_elsewhere_stops_the_run(plan_of, tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -76,8 +77,10 @@ def test_simulators_are_spread_over_devices_and_a_wrong_one_is_named(one_device,
 
 
 def test_results_do_not_depend_on_the_devices(one_device, fake_command, tmp_path, monkeypatch):
+    plan = make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=2)
+    plan = replace(plan, world=replace(plan.world, protocol=replace(plan.world.protocol, steps={"libero_object": 12})))
+
     def records(name):
-        plan = make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=2)
         run = evaluate(plan, tmp_path / name, workers=1, envs=2)
         return {p.relative_to(run.path): p.read_bytes() for p in sorted(run.path.glob("records/**/*.parquet"))}
 

@@ -39,6 +39,19 @@ def test_a_process_for_one_trial_alone_is_ended_and_the_next_one_is_there(fake_c
     assert not _lives(third)
 
 
+def test_no_process_is_started_early_for_a_trial_that_the_run_does_not_have(fake_command):
+    processes = WorldProcesses(fake_command, trials=2)
+    first = processes.take(None)
+    assert processes._next is not None
+    second = processes.take(None)
+    assert processes._next is None
+    again = processes.take(None)  # as after the death of the policy
+    assert again.suite("libero_object")["tasks"]
+    for process in (first, second, again):
+        process.close(0.0)
+    processes.close()
+
+
 def test_a_process_that_died_before_its_trial_costs_nothing(fake_command):
     processes = WorldProcesses(fake_command)
     first = processes.take(None)

@@ -75,22 +75,29 @@ def given(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("name", CALVIN_CLIENTS)
-def test_an_observation_of_calvin_is_what_the_clients_of_the_field_make_of_it(calvin_command, name):
+@pytest.fixture(scope="module")
+def first_seen(calvin_command):
+    """The first observation of a chain of CALVIN."""
     settings = make_world_plan("noop", suite="calvin", trials=1, command=calvin_command).world
     processes = WorldProcesses(settings.command)
     scene = settings.open_scene(
         processes, task="calvin", condition="base", seed=0, action_space=CALVIN_RELATIVE, images=True
     )
     seen = Observer(observation_spec("calvin")).observe(scene, scene.reset())
+    scene.close(well=False)
+    processes.close()
+    return seen
+
+
+@pytest.mark.parametrize("name", CALVIN_CLIENTS)
+def test_an_observation_of_calvin_is_what_the_clients_of_the_field_make_of_it(first_seen, name):
+    seen = first_seen
     images = {"rgb_static": seen.images["front"], "rgb_gripper": seen.images["wrist"]}
     obs = {"rgb_obs": images, "robot_obs": start_of(calvin_chains()[0].start).robot}
     sent, built = PRESETS[name].request(seen), CALVIN_CLIENTS[name](obs, seen.instruction)
     if name == "x_vla_calvin":  # columns of a matrix that was made in another order of operations
         np.testing.assert_allclose(sent.pop("proprio"), built.pop("proprio"), atol=1e-12)
     assert list(differences(sent, built)) == []
-    scene.close(well=False)
-    processes.close()
 
 
 def test_x_vla_is_shown_what_it_commanded_last(monkeypatch):
@@ -122,14 +129,14 @@ def test_libero_opens_the_gripper_when_starvla_says_so(fake_command, tmp_path, g
     with opened(said) as server:
         policy = f"starvla://127.0.0.1:{server.port}?preset=starvla"
         plan = make_world_plan(policy, suite="libero_object", tasks=["0"], trials=1, command=fake_command)
-        protocol = replace(plan.world.protocol, steps={"libero_object": 40})
+        protocol = replace(plan.world.protocol, steps={"libero_object": 12})
         evaluate(replace(plan, world=replace(plan.world, protocol=protocol)), tmp_path / "run", workers=1, envs=1)
     assert plan.action_space == "ee_delta"
     assert {float(action[-1]) for action in given} == {closes}
     assert {float(action[0]) for action in given} == {float(np.float32(-0.3))}
 
 
-@pytest.mark.parametrize(("said", "opens"), [(1.0, 1.0), (0.0, 0.0), (-1.0, -1.0)])
+@pytest.mark.parametrize(("said", "opens"), [(1.0, 1.0), (0.0, 0.0), pytest.param(-1.0, -1.0, marks=pytest.mark.slow)])
 def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path, given, said, opens):
     with opened(said) as server:
         plan = make_world_plan(f"starvla://127.0.0.1:{server.port}", suite="calvin", trials=1, command=calvin_command)
@@ -145,6 +152,7 @@ def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path,
     assert run.context["policy"]["metadata"]["adapter"]["name"] == "starvla_calvin"
 
 
+@pytest.mark.usefixtures("policies_here")
 @pytest.mark.parametrize(("space", "size"), [("calvin_absolute", 6), ("calvin_absolute_quaternion", 7)])
 def test_a_python_policy_answers_absolute_actions_and_sees_depth(calvin_command, tmp_path, given, space, size):
     file = tmp_path / "mine.py"

@@ -1,7 +1,9 @@
 """The diagnosis in LIBERO: policies with known faults get their labels, from the records alone."""
 
 import html
+import os
 import re
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -28,13 +30,19 @@ from betterbench.tasks.worlds.libero_training import trained_in, word_of_sentenc
 STEPS = 190
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def plan_of():
     folder = str(Path(__file__).parent)
     command = (sys.executable, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('fake_table')}")
+    made = {}
 
     def plan(policy, suite="libero_object_swap", steps=STEPS, **options):
-        plan = make_world_plan(policy, suite=suite, command=command, **{"tasks": ["0", "1"], "trials": 3, **options})
+        options = {"tasks": ["0", "1"], "trials": 3, **options}
+        # A plan starts a simulator, which answers by this variable; a plan that is the same is made once.
+        key = repr((policy, suite, sorted(options.items()), os.environ.get("FAKE_LAYOUT")))
+        if key not in made:
+            made[key] = make_world_plan(policy, suite=suite, command=command, **options)
+        plan = made[key]
         protocol = replace(plan.world.protocol, steps={"libero_object": steps})
         return replace(plan, world=replace(plan.world, protocol=protocol))
 
@@ -46,14 +54,21 @@ def run_of(plan_of, tmp_path):
     return lambda policy, **options: evaluate(plan_of(policy, **options), tmp_path / "run", workers=1, envs=1)
 
 
+@pytest.fixture(scope="module")
+def still(plan_of, tmp_path_factory):
+    """A run of one trial in which nothing is done."""
+    folder = tmp_path_factory.mktemp("still") / "run"
+    return evaluate(plan_of("noop", trials=1, tasks=["0"]), folder, workers=1, envs=1)
+
+
 def _truths(run):
     return {f"{e.task}/{e.condition}/{e.seed}": e.ground_truth["truth"] for e in run.entries()}
 
 
 def test_the_expert_brings_everything_where_it_belongs(run_of):
-    run = run_of("expert")
+    run = run_of("expert", trials=1)
     found = diagnose_run(run)
-    assert [t.label for t in found.trials] == ["success"] * 6
+    assert [t.label for t in found.trials] == ["success"] * 2
     assert all(t.intention_correct and t.axis == "spatial_layout_shift" for t in found.trials)
     assert all(t.attempts[0].secured and t.attempts[0].result == "target" for t in found.trials)
 
@@ -61,13 +76,13 @@ def test_the_expert_brings_everything_where_it_belongs(run_of):
 @pytest.mark.parametrize(
     ("policy", "label", "failures"),
     [
-        ("zoo:lexical", "lexical_kinematic_shortcut", 6),
-        ("zoo:layout", "visual_layout_bias", 3),
-        ("zoo:clumsy", "execution_failure", 6),
+        ("zoo:lexical", "lexical_kinematic_shortcut", 4),
+        ("zoo:layout", "visual_layout_bias", 2),
+        ("zoo:clumsy", "execution_failure", 4),
     ],
 )
 def test_a_policy_with_one_fault_gets_its_label(run_of, policy, label, failures):
-    run = run_of(policy)
+    run = run_of(policy, trials=2)
     found = {t.key: t for t in diagnose_run(run).trials}
     failed = [t for t in found.values() if not t.success]
     assert [t.label for t in failed] == [label] * failures
@@ -97,7 +112,12 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("misses", "label"), [("0", "behavioral_inertia"), ("1", "behavioral_inertia"), ("9", "execution_failure")]
+    ("misses", "label"),
+    [
+        ("0", "behavioral_inertia"),
+        pytest.param("1", "behavioral_inertia", marks=pytest.mark.slow),
+        ("9", "execution_failure"),
+    ],
 )
 def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypatch, misses, label):
     monkeypatch.setenv("FAKE_LAYOUT", "basket")
@@ -172,7 +192,7 @@ def test_every_base_suite_has_its_own_next_run(tasks, told):
     assert untold_by([*trials, SimpleNamespace(task="libero_object-03", variation="swap")]) == ""
 
 
-def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run_of):
+def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(still):
     page = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
     section = page.partition("## The diagnosis")[2]
     table = section.partition("| behavior | label |")[2].partition("\n\n")[0]
@@ -182,13 +202,13 @@ def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run
     assert listed & never == set()
     # Why those are never given: there is something to do in every task, and no order is part of it.
     assert never == {"order_violation", "correct_freeze", "correct_refusal"}
-    record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
+    record = next(iter(still.records()))
     condition = libero._condition(record.metadata, libero._goals(record.metadata))
     assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
 
 
-def test_what_is_not_diagnosed_is_said(run_of):
-    found = diagnose_run(run_of("noop", trials=1, tasks=["0"]))
+def test_what_is_not_diagnosed_is_said(still):
+    found = diagnose_run(still)
     assert any("harm to other objects is not judged" in note for note in found.notes)
     assert [t.label for t in found.trials] == ["early_halt"]
 
@@ -200,8 +220,8 @@ def test_the_regime_of_a_suite_says_which_word_stood_where(plan_of):
     assert trained.kind_targets["ball"] == (("basket", "inside", ""),)
 
 
-def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(run_of, tmp_path):
-    run_of("noop", trials=1, tasks=["0"])
+def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(still, tmp_path):
+    shutil.copytree(still.path, tmp_path / "run")
     rewrite(tmp_path / "run" / "run.json", lambda form: form["plan"]["world"].pop("regime"))
     with pytest.raises(RecordError, match=r"plan\.world.*regime.*Restore the file"):
         diagnose_run(tmp_path / "run")

@@ -153,7 +153,7 @@ class TrialRunner:
         images = settings.observation if self.info.needs_images else "state_only"
         shown = observation_spec(images).only(self.info.cameras)
         self._observer = Observer(shown, renderers=max(settings.envs, settings.most_envs) + _SPARE_RENDERERS)
-        self._processes = WorldProcesses(settings.world.command)
+        self._processes = WorldProcesses(settings.world.command, trials=settings.trials)
 
     def steps(self, trial: Trial) -> TrialSteps:
         """Run a trial, and write its record. The scene is also written, unless it is already stored.

