@@ -40,7 +40,7 @@ DRIFTS = [
 ]
 
 
-@pytest.mark.parametrize(("task", "name", "slot", "angle", "off"), others_slow(DRIFTS, 8))
+@pytest.mark.parametrize(("task", "name", "slot", "angle", "off"), others_slow(DRIFTS, 4))
 def test_a_grasp_that_drifts_at_an_emptied_slot_is_inertia(task, name, slot, angle, off):
     at, a = resolve_condition(task, name).task.slot(slot), math.radians(angle)
     record = play(task, name, closing_at(at.x + off * math.cos(a), at.y + off * math.sin(a), 0.05))
@@ -72,7 +72,7 @@ WEAKLY = [
 ]
 
 
-@pytest.mark.parametrize(("task", "name", "thing", "steps"), others_slow(WEAKLY, 6))
+@pytest.mark.parametrize(("task", "name", "thing", "steps"), others_slow(WEAKLY, 3))
 def test_an_honest_weak_grip_is_a_failure_of_execution(task, name, thing, steps):
     found = diagnose_record(play(task, name, weakly(thing, steps)))
     assert found.label is Label.EXECUTION_FAILURE
