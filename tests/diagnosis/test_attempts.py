@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import diagnose_record
 from betterbench.diagnosis.analysis.trace import trace_of
@@ -151,7 +152,7 @@ def commanded(s, told):
 
 @pytest.mark.parametrize("every", [2, 3, 4, 7])
 @pytest.mark.parametrize(
-    ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")]
+    ("task", "name", "kind"), others_slow([("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")], 2)
 )
 def test_an_open_gripper_that_flickers_hides_no_attempt(stage, task, name, kind, every):
     """A closing command in between, one control step long, moves the fingers by a few millimeters and means nothing."""

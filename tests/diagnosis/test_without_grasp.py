@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
 from betterbench.diagnosis.modes import MODES
@@ -845,10 +846,11 @@ def _visit(s, name, *, above=0.0, wait=0.6, times=6):
 
 
 MID_TASK = [("dinner_plates", "T2"), ("fast_food", "T1"), ("cheeseburger", "T1"), ("fruit_lunch", "T1")]
+COMES_AGAIN = [("dinner_plates", "train1"), ("breakfast_table", "train1"), *MID_TASK]
 
 
 @pytest.mark.parametrize("wait", [0.1, 0.6, 2.0])
-@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), ("breakfast_table", "train1"), *MID_TASK])
+@pytest.mark.parametrize(("task", "name"), others_slow(COMES_AGAIN, 3))
 def test_a_gripper_that_comes_to_the_right_thing_again_and_again_never_closes(stage, task, name, wait):
     """Also at the rim of a plate, and in a scene that looks half finished: it knows what to take."""
     s = stage(task, name)
@@ -925,7 +927,9 @@ def test_who_comes_down_slowly_is_not_said_to_stay_above(stage):
     assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "step_limit")
 
 
-@pytest.mark.parametrize(("task", "name"), [("fast_food", "train1"), ("fast_food", "T1"), ("dinner_plates", "train1")])
+@pytest.mark.parametrize(
+    ("task", "name"), others_slow([("fast_food", "train1"), ("fast_food", "T1"), ("dinner_plates", "train1")], 3)
+)
 @pytest.mark.parametrize("holds", [True, False])
 def test_fingers_that_never_open_after_one_grasp_have_failed(stage, task, name, holds):
     """They lose the thing and come back to it shut, or keep it to the end."""
