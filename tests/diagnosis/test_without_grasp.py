@@ -795,7 +795,7 @@ def _asked(s):
     return s.condition.resolve(s.condition.instruction.subgoals[0].reference)[0]
 
 
-@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting"])
+@pytest.mark.parametrize("task", others_slow(["morning_coffee", "fast_food", "desk_meeting"], 3))
 def test_a_gripper_that_never_closes_is_said_not_to(stage, task):
     s = stage(task, "train1")
     found = _come_to(s, _asked(s))
@@ -804,7 +804,7 @@ def test_a_gripper_that_never_closes_is_said_not_to(stage, task):
     assert MODES[Label.TIMEOUT].conclude([found]).endswith("its gripper never closes on them.")
 
 
-@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting", "dinner_plates"])
+@pytest.mark.parametrize("task", others_slow(["morning_coffee", "fast_food", "desk_meeting", "dinner_plates"], 4))
 def test_a_gripper_that_never_opens_is_said_not_to(stage, task):
     s = stage(task, "train1")
     found = _keep(s, _asked(s))
@@ -879,7 +879,7 @@ def test_an_open_gripper_that_stands_still_at_the_right_object_has_halted(stage,
     assert found.label is Label.EARLY_HALT
 
 
-@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), *MID_TASK])
+@pytest.mark.parametrize(("task", "name"), others_slow([("dinner_plates", "train1"), *MID_TASK], 3))
 def test_a_gripper_that_closed_once_by_accident_does_not_close_on_the_right_thing(stage, task, name):
     s = stage(task, name)
     s.close(0.5).open(0.5)
@@ -896,7 +896,7 @@ def test_a_gripper_that_does_one_step_and_does_not_close_for_the_next_is_said_no
     assert "came down to the fries" in found.evidence.text
 
 
-@pytest.mark.parametrize(("task", "name"), [("morning_coffee", "train1"), *MID_TASK[1:]])
+@pytest.mark.parametrize(("task", "name"), others_slow([("morning_coffee", "train1"), *MID_TASK[1:]], 2))
 def test_coming_down_to_something_else_as_often_is_no_proof_that_it_never_closes(stage, task, name):
     s = stage(task, name)
     due = _next_due(s)
