@@ -7,7 +7,6 @@ several objects.
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections import Counter
@@ -16,7 +15,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from betterbench.diagnosis.analysis.paths import to_and_fro_from
 from betterbench.diagnosis.analysis.trace import Trace
@@ -70,7 +68,8 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
     Objects that are already at a target region, or on the floor, are left out.
     """
-    over = _objects_under(trace)[first:]
+    near = _near_anything(trace) & _is_empty(trace)
+    over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
     edges = np.flatnonzero(np.diff(over)) + 1
     for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(over)], strict=True):
@@ -350,16 +349,6 @@ def _is_empty(trace: Trace) -> Bools:
     """
     empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     return empty
-
-
-@functools.lru_cache(maxsize=1)
-def _objects_under(trace: Trace) -> npt.NDArray[np.int64]:
-    """Return the index of the object under the empty gripper, or -1 if there is none, for each row of the trace (T,).
-
-    The result for the last trace is kept, because several failure modes look for stays over objects.
-    """
-    near = _near_anything(trace) & _is_empty(trace)
-    return np.array([_over(trace, row) if near[row] else -1 for row in range(trace.rows)], dtype=np.int64)
 
 
 def _over(trace: Trace, row: int) -> int:
