@@ -96,7 +96,7 @@ def test_embspatial(row):
         assert shown(found.headline["parsed"]) == printed
 
 
-@pytest.mark.parametrize("row", CORRECT)
+@pytest.mark.parametrize("row", others_slow(CORRECT, 3))
 def test_egoplan2(row):
     correct = dict(zip(DOMAINS, CORRECT[row], strict=True))
     dropped = dict(zip(DOMAINS, DROPPED.get(row, (0, 0, 0, 0)), strict=True))
