@@ -24,4 +24,3 @@ def kept_registry() -> Iterator[None]:
         finally:
             registry._REGISTER.clear()
             registry._REGISTER.update(before)
-            registry._forget_built()

@@ -604,8 +604,8 @@ def renamed() -> Callable[[Record, dict[str, str]], Record]:
 
 @pytest.fixture
 def policies() -> dict[str, Callable[[str, str, int], Record]]:
-    """Scripted policies that each follow one rule, by (task, name, seed)."""
-    return {"right": right, "lexical": lexical, "layout": layout, "inertia": inertia}
+    """Scripted policies that each follow one rule, by (task, name, seed); each plays an episode once for all tests."""
+    return PLAYED_ONCE
 
 
 def right(task: str, name: str, seed: int) -> Record:
@@ -657,3 +657,6 @@ def inertia(task: str, name: str, seed: int) -> Record:
     elif name == "T1":
         s.air_grasp("near")
     return _finish_right(s)
+
+
+PLAYED_ONCE = {f.__name__: functools.lru_cache(maxsize=256)(f) for f in (right, lexical, layout, inertia)}

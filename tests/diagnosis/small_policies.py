@@ -19,24 +19,30 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 RATE_S = 0.05
+REST_STEPS = 100
+"""Control steps after the end of a script until the episode ends, longer than any threshold of a halt."""
 Script = Generator[np.ndarray, WorldState, WorldState]
 
 
 @dataclass
 class Scripted:
-    """A policy that plays a script of states and then stays where it is."""
+    """A policy that plays a script of states, stays where it is, and ends the episode before its many idle steps."""
 
     script: Script
+    scene: Scene
     name: str = "scripted"
     begun: bool = False
+    ends_at: int | None = None
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
+        self.scene.over = self.ends_at is not None and state.step >= self.ends_at
         try:
             if self.begun:
                 return self.script.send(state)
             self.begun = True
             return next(self.script)
         except StopIteration:
+            self.ends_at = state.step + REST_STEPS
             self.script = hold(state, 100_000, gripper=-1.0)
             return next(self.script)
 
@@ -53,7 +59,7 @@ def play(task: str, name: str, act: Callable[[Scene, WorldState], Script], *, se
         base_condition=None if varied is None else varied.base,
     )
     state = scene.reset()
-    return run_episode(scene, Scripted(act(scene, state)), context=context).record
+    return run_episode(scene, Scripted(act(scene, state), scene), context=context).record
 
 
 def go_down(state: WorldState, x: float, y: float, z: float) -> Script:

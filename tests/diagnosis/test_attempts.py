@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import diagnose_record
-from betterbench.tasks.judging.motion import Motion, closing_of
+from betterbench.diagnosis.analysis.trace import trace_of
+from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.tasks.judging.motion import Motion, closing_of, tool_distances
 from betterbench.tasks.judging.restraint import first_hover, hovered_over
 from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import HOVER_TIME
@@ -149,7 +152,7 @@ def commanded(s, told):
 
 @pytest.mark.parametrize("every", [2, 3, 4, 7])
 @pytest.mark.parametrize(
-    ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")]
+    ("task", "name", "kind"), others_slow([("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")], 2)
 )
 def test_an_open_gripper_that_flickers_hides_no_attempt(stage, task, name, kind, every):
     """A closing command in between, one control step long, moves the fingers by a few millimeters and means nothing."""
@@ -257,3 +260,17 @@ def test_the_first_hover_is_that_of_a_look_at_every_row(stage, seed):
     stays = (row for row in range(stay, rows) if None not in near[row - stay : row + 1])
     row = next(stays, None)
     assert first_hover(motion, forbidden) == (None if row is None else (row - stay, row, near[row]))
+
+
+def test_distances_of_the_tool_are_the_same_for_all_rows_at_once_and_row_by_row(stage):
+    record = stage("desk_meeting", "train1").wander(1.0).home().end()
+    condition = resolve_condition("desk_meeting", "train1").condition
+    trace = trace_of(record, condition, step_limit=len(record))
+    turned = np.random.default_rng(0).normal(size=trace.quaternions.shape)
+    turned /= np.linalg.norm(turned, axis=2, keepdims=True)
+    trace = replace(trace, quaternions=turned)
+    found = tool_distances(trace)
+    for row, tool in enumerate(trace.tool):
+        assert np.array_equal(found.boxes[row], trace.box_distances(row, tool))
+        assert np.array_equal(found.centers[row], trace.center_distances(row, tool))
+        assert np.array_equal(found.reach[row], trace.within_reach(row, tool))

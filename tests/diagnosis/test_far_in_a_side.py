@@ -54,7 +54,7 @@ def _record(task, name):
     return run_episode(scene, policy, context=TrialContext(policy="expert")).record, found
 
 
-@pytest.mark.parametrize(("task", "name"), others_slow(CASES, 2))
+@pytest.mark.parametrize(("task", "name"), others_slow(CASES, 4))
 def test_near_the_edge_of_a_side_is_a_success_live_and_offline(monkeypatch, task, name):
     monkeypatch.setitem(RELATIONS, "beside", _shifted(WITHIN))
     record, found = _record(task, name)
@@ -65,7 +65,7 @@ def test_near_the_edge_of_a_side_is_a_success_live_and_offline(monkeypatch, task
     assert truths[-1].success
 
 
-@pytest.mark.parametrize(("task", "name"), others_slow(CASES, 2, day=TODAY + 1))
+@pytest.mark.parametrize(("task", "name"), others_slow(CASES, 4, day=TODAY + 1))
 def test_beyond_the_side_is_execution_and_no_habit(monkeypatch, task, name):
     monkeypatch.setitem(RELATIONS, "beside", _shifted(BEYOND))
     record, _ = _record(task, name)

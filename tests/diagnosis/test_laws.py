@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record, diagnose_records, offline_truth
 from betterbench.errors import RecordError
@@ -43,7 +44,7 @@ def core(d: TrialDiagnosis) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("act", acts())
+@pytest.mark.parametrize("act", others_slow(acts(), 3))
 def test_names_of_objects_mean_nothing(stage, renamed, act):
     task, name, play = acts()[act]
     record = play(stage(task, name)).end()
@@ -55,7 +56,7 @@ def test_names_of_objects_mean_nothing(stage, renamed, act):
     assert after.intended_any == tuple(shuffled[name] for name in before.intended_any)
 
 
-@pytest.mark.parametrize("act", acts())
+@pytest.mark.parametrize("act", others_slow(acts(), 3))
 def test_idle_time_at_the_end_means_nothing(stage, act):
     task, name, play = acts()[act]
     labels = []
@@ -142,7 +143,10 @@ def record(stage, played, request):
     return played[request.param]
 
 
-everywhere = pytest.mark.parametrize("record", ALL, indirect=True, ids="-".join)
+everywhere = pytest.mark.parametrize(
+    "record", others_slow([(case,) for case in ALL], 4), indirect=True, ids=["-".join(case) for case in ALL]
+)
+"""A quarter of all, another one each day, in which each deed occurs."""
 
 
 def test_the_ten_tasks_are_all_here():
@@ -158,7 +162,7 @@ def test_names_mean_nothing_in_any_task(record, renamed):
     assert [a.object for a in after.attempts] == [names.get(a.object or "") for a in before.attempts]
 
 
-@pytest.mark.parametrize(("task", "deed"), ALL)
+@pytest.mark.parametrize(("task", "deed"), others_slow(ALL, 4))
 def test_the_order_of_objects_means_nothing_in_any_task(stage, task, deed, played):
     forth = played.get((task, deed)) or DEEDS[deed](stage(task, SCENES[task])).end()
     back = DEEDS[deed](stage(task, SCENES[task], backwards=True)).end()
@@ -182,7 +186,7 @@ def test_offline_truth_is_live_truth_in_any_task(record):
     assert any(t.success for t in truths) == record.outcome.success
 
 
-@pytest.mark.parametrize("task", SCENES)
+@pytest.mark.parametrize("task", others_slow(SCENES, 5))
 def test_idle_time_after_the_limit_means_nothing_in_any_task(stage, task):
     s = stage(task, SCENES[task])
     s.serve(0)  # and no halt yet: it wanders on until its time is up
@@ -195,7 +199,7 @@ def test_idle_time_after_the_limit_means_nothing_in_any_task(stage, task):
     assert verdicts[0] == verdicts[1]
 
 
-@pytest.mark.parametrize(("task", "deed"), [a for a in ALL if a[1] != "half"])
+@pytest.mark.parametrize(("task", "deed"), others_slow([a for a in ALL if a[1] != "half"], 5))
 def test_idle_time_after_a_halt_means_nothing_in_any_task(stage, task, deed):
     verdicts = []
     for idle in (0.0, 2.0):
@@ -218,7 +222,7 @@ def test_the_order_of_trials_means_nothing_over_all_tasks(stage, played):
         assert {(m.name, m.scope): m for m in first.metrics} == {(m.name, m.scope): m for m in shuffled.metrics}
 
 
-@pytest.mark.parametrize("task", SCENES)
+@pytest.mark.parametrize("task", others_slow(SCENES, 5))
 def test_a_crash_stays_in_the_denominator_of_any_task(stage, task):
     fine = half(stage(task, SCENES[task])).end()
     crash = stage(task, SCENES[task], seed=1).serve(0).end(termination="policy_error", error="connection lost")

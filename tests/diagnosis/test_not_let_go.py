@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
 from betterbench.geometry import Pose, from_yaw
@@ -46,7 +47,7 @@ TASKS = ["morning_coffee", "fast_food", "desk_meeting", "dinner_plates", "fruit_
 
 
 @pytest.mark.parametrize("moves", [jerk, tremble])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", others_slow(TASKS, 3))
 def test_small_movements_at_the_place_with_the_right_thing_in_the_gripper_are_no_halt(stage, task, moves):
     s = bring_over(stage(task, "train1"))
     found = diagnose_record(moves(s, 15).end())

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record, diagnose_records
 
@@ -41,7 +42,7 @@ STRAY = [  # the same at places to which training never brought the object
 ]
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), HABITS)
+@pytest.mark.parametrize(("task", "name", "kind", "place"), others_slow(HABITS, 2))
 def test_the_trained_place_of_an_object_is_a_habit(stage, task, name, kind, place):
     s = stage(task, name)
     thing = s.of(kind)
@@ -52,13 +53,13 @@ def test_the_trained_place_of_an_object_is_a_habit(stage, task, name, kind, plac
     assert found.evidence.start_s > found.attempts[0].end_s, "the place shows when it is let go, not when it is taken"
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), STRAY)
+@pytest.mark.parametrize(("task", "name", "kind", "place"), others_slow(STRAY, 2))
 def test_a_place_that_training_never_gave_it_is_of_another_instruction(stage, task, name, kind, place):
     s = stage(task, name)
     assert judged(s.bring(s.of(kind), s.place(*place))) == ELSEWHERE
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), [*HABITS, *STRAY][::2])
+@pytest.mark.parametrize(("task", "name", "kind", "place"), others_slow([*HABITS, *STRAY][::2], 2))
 def test_a_wrong_place_that_is_put_right_later_is_no_evidence(stage, task, name, kind, place):
     s = stage(task, name)
     thing = s.of(kind)
@@ -72,7 +73,7 @@ def test_a_wrong_place_that_is_put_right_later_is_no_evidence(stage, task, name,
         assert found.label is Label.EARLY_HALT, "what is left is the other step, and nobody did it"
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), [*HABITS, *STRAY][1::2])
+@pytest.mark.parametrize(("task", "name", "kind", "place"), others_slow([*HABITS, *STRAY][1::2], 2))
 def test_what_slips_from_a_closed_hand_over_a_wrong_place_was_not_brought_there(stage, task, name, kind, place):
     s = stage(task, name)
     thing, spot = s.of(kind), s.place(*place)
@@ -82,7 +83,9 @@ def test_what_slips_from_a_closed_hand_over_a_wrong_place_was_not_brought_there(
     assert judged(s) == (Label.EXECUTION_FAILURE, "dropped")
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), [h for h in (*HABITS, *STRAY) if h[3][0] == "beside"])
+@pytest.mark.parametrize(
+    ("task", "name", "kind", "place"), others_slow([h for h in (*HABITS, *STRAY) if h[3][0] == "beside"], 3)
+)
 def test_beside_a_wrong_place_is_let_go_outside_the_goal(stage, task, name, kind, place):
     s = stage(task, name)
     spot = s.place(*place) + np.array([-0.09, 0.0, 0.0])

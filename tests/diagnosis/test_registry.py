@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import re
 import runpy
@@ -20,11 +21,10 @@ from betterbench.tasks.user_files import VARIABLE, load_task_files
 ROOT = Path(__file__).parents[2]
 
 
-def trees_with(pattern: str) -> dict[Path, ast.Module]:
-    """Return the syntax trees of the files of the package in which a pattern is found."""
-    named = re.compile(pattern)
-    texts = {path: path.read_text() for path in sorted((ROOT / "src").rglob("*.py"))}
-    return {path: ast.parse(text) for path, text in texts.items() if named.search(text)}
+@functools.cache
+def texts() -> dict[Path, str]:
+    """Return the texts of the files of the package."""
+    return {path: path.read_text() for path in sorted((ROOT / "src").rglob("*.py"))}
 
 
 def test_every_label_has_a_mode_with_words_for_it():
@@ -107,12 +107,15 @@ def entered(tree: ast.Module) -> dict[str, str]:
 def test_every_threshold_is_read_somewhere():
     """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
     importlib.import_module("betterbench.diagnosis.measures.power_matrix")  # it enters thresholds of its own
-    entering = trees_with(r"\bthreshold\(")
+    entering = {path: ast.parse(text) for path, text in texts().items() if re.search(r"\bthreshold\(", text)}
     constants = {name: (constant, path) for path, tree in entering.items() for name, constant in entered(tree).items()}
+    threshold_of = {constant: name for name, (constant, _) in constants.items()}
+    mention = re.compile(rf"\bTHRESHOLDS\.(\w+)|\b({'|'.join(threshold_of)})\b")
     read = set()
-    names = "|".join(constant for constant, _ in constants.values())
-    for path, tree in trees_with(rf"\bTHRESHOLDS\.|\b(?:{names})\b").items():
-        nodes = list(ast.walk(tree))
+    for path, text in texts().items():
+        if {of_table or threshold_of[constant] for of_table, constant in mention.findall(text)} <= read:
+            continue  # it is not parsed for thresholds that other files read
+        nodes = list(ast.walk(ast.parse(text)))
         loaded = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
         imported = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}
         read |= {c for c, (name, home) in constants.items() if name in loaded and (path == home or name in imported)}

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, diagnose_record
 from betterbench.diagnosis.analysis.approaches import find_stays
@@ -49,7 +50,7 @@ def close_in_part(s, name, width, *, opens):
 
 @pytest.mark.parametrize("opens", ["there", "above"])
 @pytest.mark.parametrize("width", [0.07, 0.06])
-@pytest.mark.parametrize("case", FLAT)
+@pytest.mark.parametrize("case", others_slow([(case,) for case in FLAT], 2))
 def test_a_weak_grip_around_a_flat_thing_has_tried(stage, case, width, opens):
     task, name, k = case
     s = stage(task, name)

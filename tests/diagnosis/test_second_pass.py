@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.diagnosis.conftest import Stage
 
 from betterbench.diagnosis import Label, diagnose_records
@@ -87,7 +88,7 @@ def test_without_pairs_word_and_place_are_not_told_apart():
 
 
 @pytest.mark.parametrize("rule", ["right", "lexical", "layout", "inertia"])
-@pytest.mark.parametrize("task", ["fast_food", "morning_coffee"])
+@pytest.mark.parametrize("task", others_slow(["fast_food", "morning_coffee"], 2))
 def test_each_culprit_gets_its_label(policies, task, rule):
     expected = {
         ("fast_food", "lexical"): {
@@ -419,7 +420,9 @@ def go_to_the_favorite_place(task: str, name: str):
     return (s.bring(there[0]) if there else s.air_grasp(slot)).wait(1.0).end()
 
 
-@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "cheeseburger", "seasoning_rack", "tidy_desk"])
+@pytest.mark.parametrize(
+    "task", others_slow(["morning_coffee", "fast_food", "cheeseburger", "seasoning_rack", "tidy_desk"], 3)
+)
 def test_one_trial_is_too_few_for_a_favorite_place_in_all_tasks_alike(task):
     """It abstained in tasks without an order, and was certain of a wrong order in those that have one."""
     for variation in get_task(task).variations:

@@ -72,7 +72,7 @@ WEAKLY = [
 ]
 
 
-@pytest.mark.parametrize(("task", "name", "thing", "steps"), others_slow(WEAKLY, 2))
+@pytest.mark.parametrize(("task", "name", "thing", "steps"), others_slow(WEAKLY, 3))
 def test_an_honest_weak_grip_is_a_failure_of_execution(task, name, thing, steps):
     found = diagnose_record(play(task, name, weakly(thing, steps)))
     assert found.label is Label.EXECUTION_FAILURE

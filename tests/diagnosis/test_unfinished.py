@@ -27,7 +27,7 @@ def stopped(tmp_path_factory):
             raise KeyboardInterrupt
 
     out = tmp_path_factory.mktemp("stopped") / "run"
-    plan = make_plan("noop", tasks=["fast_food"], variations=["R1"], trials=2)
+    plan = make_plan("noop", tasks=["morning_coffee"], variations=["L1"], trials=2, quality="fast")
     with pytest.raises(KeyboardInterrupt):
         evaluate(plan, out, workers=1, on_progress=stop)
     return RunFolder.open(out)
@@ -88,7 +88,7 @@ def test_a_comparison_counts_them_apart(stopped, tmp_path):
 
 
 def test_a_run_that_has_ended_has_no_such_rate(tmp_path):
-    plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=1)
+    plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=1, quality="fast")
     run = evaluate(plan, tmp_path / "run", workers=1)
     found = diagnose_run(run)
     assert found.metric("unfinished_rate", "overall") is None

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Label, diagnose_record
 
@@ -42,7 +43,9 @@ def _commanded(state, s):
 
 
 @pytest.mark.parametrize("travel", [0.0, 0.002])
-@pytest.mark.parametrize(("task", "name"), [("fast_food", "train1"), ("fast_food", "T1"), ("tidy_desk", "train1")])
+@pytest.mark.parametrize(
+    ("task", "name"), others_slow([("fast_food", "train1"), ("fast_food", "T1"), ("tidy_desk", "train1")], 3)
+)
 @pytest.mark.parametrize("rests", [True, False])
 def test_a_weak_gripper_that_closes_at_the_right_thing_has_tried(stage, task, name, travel, rests):
     s = stage(task, name)

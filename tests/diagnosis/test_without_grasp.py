@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
 from betterbench.diagnosis.modes import MODES
@@ -794,7 +795,7 @@ def _asked(s):
     return s.condition.resolve(s.condition.instruction.subgoals[0].reference)[0]
 
 
-@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting"])
+@pytest.mark.parametrize("task", others_slow(["morning_coffee", "fast_food", "desk_meeting"], 3))
 def test_a_gripper_that_never_closes_is_said_not_to(stage, task):
     s = stage(task, "train1")
     found = _come_to(s, _asked(s))
@@ -803,7 +804,7 @@ def test_a_gripper_that_never_closes_is_said_not_to(stage, task):
     assert MODES[Label.TIMEOUT].conclude([found]).endswith("its gripper never closes on them.")
 
 
-@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting", "dinner_plates"])
+@pytest.mark.parametrize("task", others_slow(["morning_coffee", "fast_food", "desk_meeting", "dinner_plates"], 4))
 def test_a_gripper_that_never_opens_is_said_not_to(stage, task):
     s = stage(task, "train1")
     found = _keep(s, _asked(s))
@@ -845,10 +846,11 @@ def _visit(s, name, *, above=0.0, wait=0.6, times=6):
 
 
 MID_TASK = [("dinner_plates", "T2"), ("fast_food", "T1"), ("cheeseburger", "T1"), ("fruit_lunch", "T1")]
+COMES_AGAIN = [("dinner_plates", "train1"), ("breakfast_table", "train1"), *MID_TASK]
 
 
 @pytest.mark.parametrize("wait", [0.1, 0.6, 2.0])
-@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), ("breakfast_table", "train1"), *MID_TASK])
+@pytest.mark.parametrize(("task", "name"), others_slow(COMES_AGAIN, 3))
 def test_a_gripper_that_comes_to_the_right_thing_again_and_again_never_closes(stage, task, name, wait):
     """Also at the rim of a plate, and in a scene that looks half finished: it knows what to take."""
     s = stage(task, name)
@@ -877,7 +879,7 @@ def test_an_open_gripper_that_stands_still_at_the_right_object_has_halted(stage,
     assert found.label is Label.EARLY_HALT
 
 
-@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), *MID_TASK])
+@pytest.mark.parametrize(("task", "name"), others_slow([("dinner_plates", "train1"), *MID_TASK], 3))
 def test_a_gripper_that_closed_once_by_accident_does_not_close_on_the_right_thing(stage, task, name):
     s = stage(task, name)
     s.close(0.5).open(0.5)
@@ -894,7 +896,7 @@ def test_a_gripper_that_does_one_step_and_does_not_close_for_the_next_is_said_no
     assert "came down to the fries" in found.evidence.text
 
 
-@pytest.mark.parametrize(("task", "name"), [("morning_coffee", "train1"), *MID_TASK[1:]])
+@pytest.mark.parametrize(("task", "name"), others_slow([("morning_coffee", "train1"), *MID_TASK[1:]], 2))
 def test_coming_down_to_something_else_as_often_is_no_proof_that_it_never_closes(stage, task, name):
     s = stage(task, name)
     due = _next_due(s)
@@ -925,7 +927,9 @@ def test_who_comes_down_slowly_is_not_said_to_stay_above(stage):
     assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "step_limit")
 
 
-@pytest.mark.parametrize(("task", "name"), [("fast_food", "train1"), ("fast_food", "T1"), ("dinner_plates", "train1")])
+@pytest.mark.parametrize(
+    ("task", "name"), others_slow([("fast_food", "train1"), ("fast_food", "T1"), ("dinner_plates", "train1")], 3)
+)
 @pytest.mark.parametrize("holds", [True, False])
 def test_fingers_that_never_open_after_one_grasp_have_failed(stage, task, name, holds):
     """They lose the thing and come back to it shut, or keep it to the end."""

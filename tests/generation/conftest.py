@@ -10,18 +10,7 @@ import pytest
 
 from betterbench.generation.building import job as building_job
 from betterbench.generation.growth import job as growth_job
-from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
-from betterbench.sim.assets.catalogue.sources import open_source
-from betterbench.sim.assets.catalogue.sources.source import SourceOptions
-
-
-@pytest.fixture(scope="session")
-def catalogue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Catalogue]:
-    folder = tmp_path_factory.mktemp("catalogue")
-    index_sources(folder, [open_source("procedural", SourceOptions())], on_progress=lambda *_: None)
-    with Catalogue(folder) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="session")
@@ -29,6 +18,12 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("library")
     building_job.index_library(folder)
     return folder / building_job.CATALOGUE
+
+
+@pytest.fixture(scope="session")
+def catalogue(library: Path) -> Iterator[Catalogue]:
+    with Catalogue(library) as opened:
+        yield opened
 
 
 @pytest.fixture

@@ -196,7 +196,7 @@ def test_training_with_placed_objects_is_drawn_after_the_demonstrations(build, i
 def test_what_the_camera_shows_too_small_or_not_at_all_is_named() -> None:
     """Every seed is drawn."""
     task = get_task("fruit_lunch")
-    assert viewing.badly_framed(task, task.training, seeds=2) == ()
+    assert viewing.badly_framed(task, task.training[:1], seeds=2) == ()
     slot = task.training[0].layout["apple"]
     moved = tuple(dataclasses.replace(s, x=0.45, y=-0.95) if s.name == slot else s for s in task.slots)
     conditions = (task.training[0], task.training[1], task.training[0])

@@ -9,6 +9,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
@@ -37,7 +38,7 @@ def test_each_template_has_a_grammar_with_its_groups():
             assert needed <= theme.groups.keys() <= {g.group_id for g in TEMPLATES[name].groups}
 
 
-@pytest.mark.parametrize("template", NAMES)
+@pytest.mark.parametrize("template", others_slow(NAMES, 3))
 def test_ten_scenarios_of_a_template_differ_and_make_sense(template):
     assert distinct_goals(template) >= 10
     written = write_scenarios(template, 10, seed=3)
@@ -48,8 +49,9 @@ def test_ten_scenarios_of_a_template_differ_and_make_sense(template):
         assert scenario_from_json(json.dumps(scenario_to_json(scenario))) == scenario
 
 
+@pytest.mark.parametrize("samples", [4, pytest.param(24, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("template", NAMES)
-def test_every_wording_of_every_theme_makes_sense(template):
+def test_every_wording_of_every_theme_makes_sense(template, samples):
     """All instructions, with a sample of the objects of their theme."""
     from betterbench.generation.grammar.author import scenario_of
 
@@ -58,12 +60,12 @@ def test_every_wording_of_every_theme_makes_sense(template):
         choices = list(itertools.islice(theme.choices(), 3000))
         for wording in theme.instructions:
             single = type(theme)(theme.name, theme.context, (wording,), theme.groups)
-            for index in draw.choice(len(choices), size=min(len(choices), 12), replace=False):
+            for index in draw.choice(len(choices), size=min(len(choices), samples), replace=False):
                 scenario = scenario_of(template, single, choices[index], draw)
                 assert sense_problems(scenario) == (), (scenario.instruction, choices[index])
 
 
-@pytest.mark.parametrize("template", NAMES)
+@pytest.mark.parametrize("template", others_slow(NAMES, 3))
 def test_the_same_seed_gives_the_same_scenarios_and_more_do_not_change_the_first(template):
     first = write_scenarios(template, 5, seed=1)
     assert write_scenarios(template, 5, seed=1) == first
@@ -74,7 +76,7 @@ def test_the_same_seed_gives_the_same_scenarios_and_more_do_not_change_the_first
     assert write_scenarios(template, 5, seed=2) != first
 
 
-@pytest.mark.parametrize("template", NAMES)
+@pytest.mark.parametrize("template", others_slow(NAMES, 3))
 def test_different_categories_come_before_different_colors(template):
     """Among the first scenarios, sets of categories repeat only where the themes have no other."""
     grammar = GRAMMARS[template]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 from tests.generation.examples import text
 from tests.generation.test_building import failing, proven
 
@@ -338,7 +339,7 @@ def test_with_distinct_colors_more_tasks_are_possible(grow: Grow) -> None:
     assert len({task.key for task in grown.accepted}) == 3
 
 
-@pytest.mark.parametrize("template", sorted(TEMPLATES))
+@pytest.mark.parametrize("template", others_slow(sorted(TEMPLATES), 3))
 def test_scenario_grammar_and_task_have_the_same_key(template: str, monkeypatch, tmp_path: Path) -> None:
     from betterbench.generation.building.job import build_suite
 

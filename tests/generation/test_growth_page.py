@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.daily import others_slow
 from tests.generation.test_growth import grow, settings  # noqa: F401  (a fixture)
 from tests.report.chromium import COMMAND, browser
 
@@ -17,7 +18,7 @@ def chromium(tmp_path_factory):
         yield made
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("size", others_slow([((1280, 800),), ((390, 844),)], 2))
 def test_the_page_fits_the_screen_and_marks_the_quotas(chromium, grow, tmp_path, size):  # noqa: F811
     asked = settings(12, "template=loose_packing:25%-50%", "axis=temporal:10%", "difficulty=hard:2")
     grown = grow(asked, refuse=lambda item: "picnic" in item.task_id or "plates" in item.task_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,12 +17,28 @@ from betterbench.generation.building.casting import cast_of
 from betterbench.generation.building.importing import IMPORTED, ImportedMeshes
 from betterbench.generation.building.job import CATALOGUE, build_suite
 from betterbench.generation.scenario import DescribedObject
+from betterbench.sim.asset_checks.tried_grasps import with_tried_grasps
 from betterbench.sim.assets.catalogue.indexing import index_sources
 from betterbench.sim.assets.catalogue.search import Catalogue
 from betterbench.sim.assets.catalogue.sources import open_source
 from betterbench.sim.assets.catalogue.sources.source import SourceOptions
+from betterbench.sim.assets.importing import child
+
+pytestmark = pytest.mark.usefixtures("indexed_once")
 
 ERASER = DescribedObject("a white eraser", "eraser", "eraser", (0.01, 0.2), (0.03, 0.09))
+
+
+@pytest.fixture(autouse=True)
+def imports_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Imports the files of these tests in this process; the start of a process for each would take 1 s."""
+
+    def import_here(path: Path, wishes: child.Wishes, _where: str) -> child.Made:
+        asked = {"path": str(path), "wishes": dataclasses.asdict(wishes)}
+        files, data = child._answers(asked, b"", finish=with_tried_grasps)
+        return child.Made(data, json.loads(files))
+
+    monkeypatch.setattr(child, "_in_child", import_here)
 
 
 @pytest.fixture

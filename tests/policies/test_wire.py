@@ -231,14 +231,13 @@ def test_the_dialect_of_a_frame_is_found():
 # ------------------------------------------------------------------------------------------------------- round trips
 
 
-@EACH
 @given(value=st.dictionaries(st.text(max_size=8), ARRAYS | PLAIN, max_size=4))
 @settings(max_examples=40, deadline=None)
-def test_values_come_back_as_they_were(dialect, value):
-    encode, decode = DIALECTS[dialect]
+def test_values_come_back_as_they_were(value):
     marked = {"__ndarray__", "__image__", "__ndarray_class__", "__ModalityConfig_class__", "__ModalityConfig__", "nd"}
     if not marked & set(map(str, value)):
-        assert same(value, decode(encode(value)))
+        for dialect, (encode, decode) in DIALECTS.items():
+            assert same(value, decode(encode(value))), dialect
 
 
 @EACH
@@ -422,20 +421,20 @@ def test_many_small_values_cannot_fill_the_memory():
     assert peak < 1_000_000
 
 
-@EACH
 @given(frame=st.binary(max_size=300))
 @settings(max_examples=200, deadline=None)
-def test_any_bytes_are_a_value_or_a_policy_error(dialect, frame):
-    with contextlib.suppress(PolicyError):
-        DIALECTS[dialect][1](frame)
+def test_any_bytes_are_a_value_or_a_policy_error(frame):
+    for _, decode in DIALECTS.values():
+        with contextlib.suppress(PolicyError):
+            decode(frame)
 
 
 @EACH
 def test_mutations_of_valid_frames_are_values_or_policy_errors(dialect):
     module = fuzzer()
-    seen = [module.check(dialect, frame) for frame in itertools.islice(module.inputs(dialect, 11), 4000)]
+    seen = [module.check(dialect, frame) for frame in itertools.islice(module.inputs(dialect, 11), 2000)]
     assert all(module.check(dialect, frame) for frame in module.SEEDS[dialect])
-    assert 100 < sum(seen) < 3900  # both outcomes are met
+    assert 50 < sum(seen) < 1950  # both outcomes are met
 
 
 @EACH

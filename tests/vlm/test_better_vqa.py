@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from functools import partial
 
 import pytest
 from tests.vlm.test_running import Scripted, run
-from tests.vqa.small import OPTIONS, SIZE, small_run
+from tests.vqa.small import OPTIONS, SIZE
 
 from betterbench.cli.main import main
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.vlm.benchmarks.better_vqa import items_of
 from betterbench.vlm.prompts import find_prompt
@@ -24,7 +26,10 @@ pytestmark = [pytest.mark.physics, pytest.mark.render]
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("vlm")
-    recorded = small_run("expert", folder / "records")
+    tasks = ("fruit_lunch", "morning_coffee")
+    plan = make_plan("expert", tasks=tasks, variations=["L1"], trials=1, observation="state_only", quality="fast")
+    plan = dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation))
+    recorded = evaluate(plan, folder / "records", workers=1)
     photos = partial(ViewRenderer, recorded, size=SIZE, quality="fast")
     return make_set(recorded, folder / "set", OPTIONS, open_photos=photos)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import pytest
 from tests.vlm import published
@@ -10,7 +11,9 @@ from tests.vlm.sighted import DETAIL, Sighted, own_set, questions
 
 from betterbench.cli.main import main
 from betterbench.cli.output.vlm import print_steps
+from betterbench.statistics import fit_threshold
 from betterbench.vlm import RunSettings, evaluate_model, find_benchmark, score_answers
+from betterbench.vlm import eyesight as eyesight_module
 from betterbench.vlm.eyesight import compare_eyes, eyesight, eyesight_sentence, readings_of
 from betterbench.vlm.models.eyes import Eyes
 from betterbench.vlm.prompts import find_prompt
@@ -19,6 +22,15 @@ from betterbench.vlm.stored import read_static_run
 from betterbench.vqa.coordinates import CONVENTIONS
 
 OWN = find_benchmark("better-vqa")
+RESAMPLES = 20
+"""Resamples that suffice here; tests/statistics/test_threshold.py tests the intervals with more."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_resamples():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eyesight_module, "fit_threshold", partial(fit_threshold, resamples=RESAMPLES))
+        yield
 
 
 @pytest.fixture(scope="module")

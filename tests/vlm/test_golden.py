@@ -8,6 +8,7 @@ from fractions import Fraction
 from importlib import resources
 
 import pytest
+from tests.daily import others_slow
 from tests.vlm.published import HEIGHT, WIDTH, mask
 
 from betterbench.statistics import percent, round_half_up
@@ -79,7 +80,7 @@ EMBSPATIAL = choices("embspatial", "relation", {"left": 3640})
 EGOPLAN2 = choices("egoplan2", "domain", DOMAINS)
 
 
-@pytest.mark.parametrize("row", TABLE)
+@pytest.mark.parametrize("row", others_slow(TABLE, 3))
 def test_embspatial(row):
     printed = TABLE[row]["EmbSpatial"]
     dropped = {"InternVL-3.5-8B": 2, "InternVL-3.5-4B": 1}.get(row, 0)
@@ -95,7 +96,7 @@ def test_embspatial(row):
         assert shown(found.headline["parsed"]) == printed
 
 
-@pytest.mark.parametrize("row", CORRECT)
+@pytest.mark.parametrize("row", others_slow(CORRECT, 3))
 def test_egoplan2(row):
     correct = dict(zip(DOMAINS, CORRECT[row], strict=True))
     dropped = dict(zip(DOMAINS, DROPPED.get(row, (0, 0, 0, 0)), strict=True))

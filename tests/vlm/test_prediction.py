@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from tests.vlm.test_running import Scripted, run
-from tests.vqa.small import OPTIONS, SIZE, small_run
+from tests.vlm.sighted import Sighted, own_set
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.vlm import RunSettings, evaluate_model, find_benchmark
 from betterbench.vlm.prediction import PolicyPoint, predictions_of
-from betterbench.vqa.dataset import make_set
+from betterbench.vlm.prompts import find_prompt
 
 
 def point(name, score, gap, static_gap=None):
@@ -42,30 +42,29 @@ def test_policies_without_differences_and_a_single_policy():
 
 @pytest.fixture(scope="module")
 def acted(tmp_path_factory):
-    """Runs of two policies."""
-    folder, wanted = tmp_path_factory.mktemp("acted"), {"morning_coffee": ("L3", None)}
-    return [small_run(policy, folder / policy.replace(":", "-"), wanted) for policy in ("zoo:color", "expert")]
+    """Returns the folders of the runs of two policies."""
+    folder = tmp_path_factory.mktemp("acted")
+    for policy in ("noop", "random"):
+        plan = make_plan(policy, tasks=["morning_coffee"], variations=["T1"], trials=1, observation="state_only")
+        evaluate(plan, folder / policy, workers=1)
+    return [str(folder / policy) for policy in ("noop", "random")]
 
 
 @pytest.mark.physics
-@pytest.mark.render
 def test_compare_pairs_static_and_acted_runs_by_name_or_order(acted, tmp_path, capsys):
-    asked = make_set(
-        acted[1], tmp_path / "set", OPTIONS, open_photos=lambda: ViewRenderer(acted[1], size=SIZE, quality="fast")
-    )
+    items, settings = own_set(tmp_path / "set", 40), RunSettings(find_prompt("better-vqa", None))
     for name in ("a", "b"):
-        run("better-vqa", asked.path, tmp_path / name, Scripted(lambda *_: "Yes"), at_once=1)
+        evaluate_model(find_benchmark("better-vqa"), items, Sighted(20, "native"), tmp_path / name, settings)
     static = [str(tmp_path / name) for name in ("a", "b")]
-    paths = [str(folder.path) for folder in acted]
-    assert main(["compare", *static, *paths]) == 0
+    assert main(["compare", *static, *acted]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "all 2 policies have the same value" in out
-    assert main(["compare", *static, *paths, "--json"]) == 0
+    assert main(["compare", *static, *acted, "--json"]) == 0
     assert '"predictor": "static score"' in capsys.readouterr().out
     named = [word for name in ("x", "y", "y", "x") for word in ("--name", name)]
-    assert main(["compare", *static, *paths, *named]) == 0
+    assert main(["compare", *static, *acted, *named]) == 0
     capsys.readouterr()
-    assert main(["compare", *static, paths[0]]) == 2
+    assert main(["compare", *static, acted[0]]) == 2
     assert "has no run of better eval for the same policy" in " ".join(capsys.readouterr().err.split())
-    assert main(["compare", *static, *paths, "--name", "x"]) == 2
+    assert main(["compare", *static, *acted, "--name", "x"]) == 2
     assert "1 names for 4 runs" in " ".join(capsys.readouterr().err.split())

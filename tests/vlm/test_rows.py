@@ -62,14 +62,14 @@ def test_wrapped_rows_and_a_byte_order_mark_are_read(tmp_path):
 def test_embedded_images_are_not_held_in_memory(tmp_path):
     file = tmp_path / "a.json"
     with file.open("w") as written:
-        written.write("[" + ",".join(json.dumps({"id": i, "image": "A" * 400_000}) for i in range(100)) + "]")
+        written.write("[" + ",".join(json.dumps({"id": i, "image": "A" * 400_000}) for i in range(60)) + "]")
     tracemalloc.start()
     found = read_rows(file, large=("image",))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert len(found) == 100
+    assert len(found) == 60
     assert peak < 20_000_000 < file.stat().st_size
-    assert found[99].large("image") == "A" * 400_000
+    assert found[59].large("image") == "A" * 400_000
 
 
 def test_a_file_that_changes_is_named(tmp_path):

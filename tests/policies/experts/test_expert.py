@@ -38,11 +38,11 @@ SAMPLE = {
             t.training[i % len(t.training)].name,
             *(of[i % len(of)].name for of in ([v for v in t.variations if v.axis is axis] for axis in Axis) if of),
         ],
-        3,
+        10,
         day=TODAY + i,
     )
 }
-"""A third of the following, another third each day: one training condition and one variation of each axis of every
+"""A tenth of the following, another one each day: one training condition and one variation of each axis of every
 task, another number in each task."""
 QUICKLY = [pytest.param(t, n, id=f"{t}/{n}", marks=() if (t, n) in SAMPLE else pytest.mark.slow) for t, n in CONDITIONS]
 """All conditions, of which the default tests take the sample."""

@@ -43,7 +43,7 @@ from betterbench.diagnosis.thresholds import (
 )
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.judging.attempts import GraspAttempt
-from betterbench.tasks.judging.motion import Bools, Floats, in_reach
+from betterbench.tasks.judging.motion import Bools, Floats, tool_distances
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,15 +142,14 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     free = ~trace.closing & (trace.held < 0)
     low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
     items = [i for i in trace.items if i not in trace.targets]
+    gaps, _, reach = tool_distances(trace)
     times: Counter[int] = Counter()
     for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
         if row < first:
             continue
-        gaps = trace.box_distances(row, trace.tool[row])
-        reach = in_reach(gaps, trace.center_distances(row, trace.tool[row]))
-        near = [i for i in items if low[row, i] and reach[i] and not trace.there[row, i]]
+        near = [i for i in items if low[row, i] and reach[row, i] and not trace.there[row, i]]
         if near:
-            times[min(near, key=lambda i: (float(gaps[i]), i))] += 1
+            times[min(near, key=lambda i: (float(gaps[row, i]), i))] += 1
     if not times:
         return None
     chosen = max(times, key=lambda i: (times[i], -i))
@@ -209,9 +208,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     again.
     """
     below, low = taken_below(trace, i), is_down(trace, i)
-    down = np.array([
-        low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
-    ])  # fmt: skip
+    down = (low & tool_distances(trace).reach[:, i])[first:]
     for start, end in spans(down, trace.steps(FLICKER_TIME)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
@@ -248,10 +245,9 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
         The first and last row of the interval, or None if there is no such interval.
     """
     shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
-    near = [
-        row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
-    ]
-    return spans(np.isin(np.arange(trace.rows), near), trace.steps(FLICKER_TIME))[0] if near else None
+    near = shut & tool_distances(trace).reach[:, i]
+    near[:first] = False
+    return spans(near, trace.steps(FLICKER_TIME))[0] if near.any() else None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -332,7 +328,8 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
     """Return the first row, not before the given row, where an object is out of the gripper's reach."""
-    while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
+    reach = tool_distances(trace).reach
+    while row < trace.rows and reach[row, i]:
         row += 1
     return min(row, trace.rows)
 
@@ -398,8 +395,7 @@ def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
     Objects that fell off the table are left out.
     """
     tool = trace.tool[row]
-    distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
-    reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
+    boxes, middles, reach = (distances[row].tolist() for distances in tool_distances(trace))
     found = {}
     for i in items:
         if trace.on_table(row, i):

@@ -164,7 +164,7 @@ def _choices_with(theme: Theme, wanted: Iterable[Wanted]) -> Iterator[Choice]:
         of_group.setdefault(want.group_id, []).append(want)
     if not of_group.keys() <= theme.groups.keys():
         return iter(())
-    return theme.choices(lambda group, kinds: _has(kinds, of_group.get(group, ())))
+    return theme.choices(lambda group, kinds: group not in of_group or _has(kinds, of_group[group]))
 
 
 def _has(kinds: tuple[Kind, ...], wanted: Iterable[Wanted]) -> bool:

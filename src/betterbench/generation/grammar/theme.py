@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -72,15 +73,20 @@ class Group:
         """Return the color that all objects of the group must have, or an empty string if any color is allowed."""
         return before[self.follows][0][1] if self.follows else ""
 
-    def choices(self, before: Choice) -> Iterator[tuple[Kind, ...]]:
-        """Yield all choices of objects for the group, given the objects chosen for the previous groups."""
-        color = self.color_after(before)
+    def choices(self, color: str) -> Iterator[tuple[Kind, ...]]:
+        """Yield all choices of objects for the group, given their color (see :meth:`color_after`)."""
         for parts in itertools.product(*(pool.choices() for pool in self.pools)):
             kinds = tuple(itertools.chain.from_iterable(parts))
             if color and any(own != color for _, own in kinds):
                 continue
             if len({own for _, own in kinds} if self.colors_differ else set(kinds)) == len(kinds):
                 yield kinds
+
+
+@functools.cache
+def _choices_of(group: Group, color: str) -> tuple[tuple[Kind, ...], ...]:
+    """Return all choices of objects for a group. Several themes and many sentences of a user share them."""
+    return tuple(group.choices(color))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +113,7 @@ class Theme:
         def of_group(name: str, before: Choice) -> list[tuple[Kind, ...]]:
             key = name, self.groups[name].color_after(before)
             if key not in known:
-                known[key] = [kinds for kinds in self.groups[name].choices(before) if fits(name, kinds)]
+                known[key] = [kinds for kinds in _choices_of(self.groups[name], key[1]) if fits(name, kinds)]
             return known[key]
 
         def extended(before: Choice, rest: list[str]) -> Iterator[Choice]:

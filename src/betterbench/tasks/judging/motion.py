@@ -5,9 +5,11 @@ Grasp attempts are detected from these arrays, both live and in records.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -198,6 +200,44 @@ def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions:
         out_z = max(abs(local_z) - 0.5 * height, 0.0)
         distances.append(math.sqrt(out_x * out_x + out_y * out_y + out_z * out_z))
     return np.array(distances, dtype=np.float64)
+
+
+class ToolDistances(NamedTuple):
+    """Distances from the tool center point to every object in every row of a motion, each an array (T, n).
+
+    Attributes:
+        boxes: Distance to the object's oriented bounding box [m].
+        centers: Horizontal distance to the object's position [m].
+        reach: Whether the gripper could close on the object (see :meth:`Motion.within_reach`).
+    """
+
+    boxes: Floats
+    centers: Floats
+    reach: Bools
+
+
+@functools.lru_cache(maxsize=1)
+def tool_distances(motion: Motion) -> ToolDistances:
+    """Return the distances from the tool to the objects.
+
+    They are the same numbers as those of :meth:`Motion.box_distances` and :meth:`Motion.center_distances` for each row.
+    The result for the last motion is kept, because many detectors go through the rows one by one.
+    """
+    offsets = motion.tool[:, None].astype(np.float64) - motion.positions
+    dx, dy, dz = np.moveaxis(offsets, 2, 0)
+    w, qx, qy, qz = np.moveaxis(motion.quaternions, 2, 0)
+    width, depth, height = np.array([o.size_m for o in motion.info.objects]).T
+    # the same operations in the same order as in `box_distances`, so that the results are the same to the bit
+    tx, ty, tz = 2.0 * (qz * dy - qy * dz), 2.0 * (qx * dz - qz * dx), 2.0 * (qy * dx - qx * dy)
+    local_x = dx + w * tx + (qz * ty - qy * tz)
+    local_y = dy + w * ty + (qx * tz - qz * tx)
+    local_z = dz + w * tz + (qy * tx - qx * ty) - 0.5 * height
+    out_x = np.maximum(np.abs(local_x) - 0.5 * width, 0.0)
+    out_y = np.maximum(np.abs(local_y) - 0.5 * depth, 0.0)
+    out_z = np.maximum(np.abs(local_z) - 0.5 * height, 0.0)
+    boxes: Floats = np.sqrt(out_x * out_x + out_y * out_y + out_z * out_z)
+    centers: Floats = np.linalg.norm(motion.positions[:, :, :2] - motion.tool[:, None, :2], axis=2)
+    return ToolDistances(boxes, centers, in_reach(boxes, centers))
 
 
 def in_reach(boxes: Floats, centers: Floats) -> Bools:

@@ -99,7 +99,6 @@ def generator(
             both = f"it is registered by both {_origin(make)} and {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Rename one of them")
         _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category, keeps_upright)
-        _forget_built()
         return make
 
     return register
@@ -113,7 +112,6 @@ def unregister(category: str) -> None:
     """
     _entry(category)
     del _REGISTER[category]
-    _forget_built()
 
 
 def _origin(make: Generator) -> str:
@@ -195,7 +193,8 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
         UnknownNameError: If the category or the color is not known.
         InvalidInputError: If there is no variant with this number.
     """
-    return _with_moved_regions(_build(category, look, _checked_color(category, look, color)))
+    entry, color = _checked(category, look, color)
+    return _with_moved_regions(_build(category, entry, look, color))
 
 
 def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -> Asset:
@@ -208,13 +207,14 @@ def build_unpainted(category: str, *, look: int = 0, color: str | None = None) -
         UnknownNameError: If the category or the color is not known.
         InvalidInputError: If there is no variant with this number.
     """
-    return _with_moved_regions(_build_unpainted(category, look, _checked_color(category, look, color)))
+    entry, color = _checked(category, look, color)
+    return _with_moved_regions(_build_unpainted(category, entry, look, color))
 
 
-def _checked_color(category: str, look: int, color: str | None) -> str:
+def _checked(category: str, look: int, color: str | None) -> tuple[_Entry, str]:
     """Check that a category has the given color and variant.
 
-    Return the color, which is by default the first color of the category.
+    Return the entry of the category, and the color, which is by default the first color of the category.
     """
     entry = _entry(category)
     chosen = entry.colors[0] if color is None else color
@@ -224,7 +224,7 @@ def _checked_color(category: str, look: int, color: str | None) -> str:
     if look not in range(total):
         cure = f"Use a number from 0 to {total - 1}"
         raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
-    return chosen
+    return entry, chosen
 
 
 _moved_regions: dict[str, Mapping[str, Region]] = {}
@@ -253,26 +253,23 @@ def _with_moved_regions(asset: Asset) -> Asset:
 
 
 @functools.lru_cache(maxsize=512)
-def _build(category: str, look: int, color: str) -> Asset:
-    """Make an asset. The caller has already checked the arguments."""
-    entry = _REGISTER[category]
+def _build(category: str, entry: _Entry, look: int, color: str) -> Asset:
+    """Make an asset with the generator of an entry. The caller has already checked the arguments.
+
+    Assets stay in the cache when other categories are registered. A generator that is registered again has another
+    entry.
+    """
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
     draft = entry.make(np.random.default_rng(seed), color)
     return asset_of(draft, category, look=look, color=color, keeps_upright=entry.keeps_upright)
 
 
 @functools.lru_cache(maxsize=4096)
-def _build_unpainted(category: str, look: int, color: str) -> Asset:
+def _build_unpainted(category: str, entry: _Entry, look: int, color: str) -> Asset:
     """Make an asset without textures. The caller has already checked the arguments."""
     with unpainted():
-        asset = _build.__wrapped__(category, look, color)
+        asset = _build.__wrapped__(category, entry, look, color)
     return replace(asset, visual=tuple(replace(part, texture=None) for part in asset.visual))
-
-
-def _forget_built() -> None:
-    """Clear the cache of built assets, because a generator may have changed."""
-    _build.cache_clear()
-    _build_unpainted.cache_clear()
 
 
 def asset_of(draft: Draft, category: str, *, look: int = 0, color: str, keeps_upright: bool = False) -> Asset:
