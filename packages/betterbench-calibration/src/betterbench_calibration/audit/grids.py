@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -51,7 +52,7 @@ class Grid:
         count = count_behind(printed, self.trials)
         digits = decimals(printed)
         cell = (row, column)
-        unnoticed, possible = blindness((printed,), lambda _, wrong: count_behind(wrong, self.trials) is not None)
+        unnoticed, possible = _unnoticed(str(printed), self.trials)
         if count is not None:
             why = f"{printed} is {count}; {unnoticed} of {possible} wrong digits would be on the grid too."
             found, verdict = str(count), Verdict.HOLDS
@@ -72,3 +73,12 @@ class Grid:
         if more is not None:
             parts.append(f"{more} is the smallest multiple of the trials that gives it exactly")
         return f"; {', and '.join(parts)}" if parts else ", nor with up to 12 trials missing"
+
+
+@functools.lru_cache(maxsize=4096)
+def _unnoticed(printed: str, trials: int) -> tuple[int, int]:
+    """Return the number of misprints of one digit that are possible percentages too, and of all such misprints.
+
+    The argument is a text, because the equal decimals 40.6 and 40.60 have different misprints.
+    """
+    return blindness((Decimal(printed),), lambda _, wrong: count_behind(wrong, trials) is not None)
