@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
+from tests.evaluation.conftest import FEW_STEPS, tiny
+from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 from tests.evaluation.misbehaving import CHUNK, Misbehaving
 
 from betterbench.errors import PolicyUnavailableError, RunConflictError, StorageError
@@ -303,18 +304,9 @@ def test_two_runs_into_one_folder_are_refused_and_the_first_one_is_not_disturbed
 # ----------------------------------------------------------------------------------------------------- worker processes
 
 
-def work_shortly(settings, connection):
-    """The main function of a worker process whose trials are short."""
-    Trial.resolve = in_few_steps(STEPS)
-    ordinary_work(settings, connection)
-
-
-ordinary_work = pool.work
-
-
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(pool, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
     killed = []
 
     def script(request, number):
@@ -333,7 +325,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_
 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_worker_processes(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(pool, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
     children = []
 
     def script(request, number):

@@ -9,7 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import in_few_steps
+from tests.evaluation.few_steps import in_few_steps
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
@@ -218,6 +218,7 @@ def test_a_journal_that_was_changed_is_noticed(copy, tiny_plan, change):
         assert "elete" not in str(raised.value)
 
 
+@pytest.mark.usefixtures("steps_short")
 def test_a_journal_of_an_older_version_is_read_and_continued(copy, tiny_plan):
     old = []
     for line in copy.journal_path.read_text(encoding="utf-8").splitlines()[:2]:
