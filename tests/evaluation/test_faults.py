@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 from tests.evaluation.conftest import FEW_STEPS, tiny
 from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 from tests.evaluation.misbehaving import CHUNK, Misbehaving
@@ -103,7 +104,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("fault", "reason"), BAD.items(), ids=BAD.keys())
+@pytest.mark.parametrize(("fault", "reason"), others_slow(BAD.items(), 3), ids=BAD.keys())
 def test_a_bad_reply_ends_its_trial_with_the_reason_and_no_other(fault, reason, tiny_plan, tmp_path, calm):
     with Misbehaving(at_second(fault)) as server:
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", envs=3)

@@ -44,24 +44,23 @@ pytestmark = pytest.mark.physics
 
 @pytest.fixture(autouse=True)
 def short(request, monkeypatch):
-    """Ends each trial after a few steps, but where a policy has to succeed."""
-    if "plugin" in request.fixturenames:
-        yield
-        return
-    monkeypatch.setattr(pool, "work", worker_of_few_steps(24, still=12))
+    """Ends each trial after a few steps, and after more of them where a policy has to succeed."""
+    steps, still = (60, 60) if "plugin" in request.fixturenames else SHORT
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(steps, still=still))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", SHORTENED)
+        patch.setattr(Trial, "resolve", in_few_steps(steps, still=still))
         yield
 
 
-SHORTENED = in_few_steps(24, still=12)
+SHORT = (24, 12)
+"""Step limits of the trials: of those with something to do, and of those in which nothing is to be done."""
 
 
 @pytest.fixture(scope="module")
 def short_run(tmp_path_factory):
     """The tiny plan with short trials, run in one go by one process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", SHORTENED)
+        patch.setattr(Trial, "resolve", in_few_steps(SHORT[0], still=SHORT[1]))
         return evaluate(tiny(), tmp_path_factory.mktemp("short") / "run")
 
 
