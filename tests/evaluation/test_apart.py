@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.evaluation.few_steps import in_few_steps
 
 import betterbench
@@ -247,9 +248,6 @@ def one(tmp_path_factory):
     policy.close()
 
 
-KEEPS = ("Calm", "Cancelled", "Exits", "ClosesAll", "Evil", "Poisons", "Bits")
-
-
 @pytest.fixture(autouse=True)
 def nothing_that_a_policy_sends_is_run(one):
     yield
@@ -334,7 +332,8 @@ def test_a_policy_that_never_loads_is_one_line(plugin):
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [pytest.param(*end, id=end[0], marks=() if end[0] in KEEPS else pytest.mark.slow) for end in ENDS.items()],
+    others_slow(ENDS.items(), 4),
+    ids=ENDS.keys(),
 )
 def test_whatever_a_policy_does_is_an_error_of_one_question(one, name, text):
     one.reset(START)

@@ -136,6 +136,7 @@ def test_results_do_not_depend_on_the_order_of_the_plan(short_run, tiny_plan, tm
     assert run_content(other.path) == run_content(short_run.path)
 
 
+@pytest.mark.slow
 def test_one_and_two_workers_write_the_same_bytes(short_run, tiny_plan, tmp_path, run_content):
     two = evaluate(tiny_plan(), tmp_path / "run", workers=2)
     assert run_content(two.path) == run_content(short_run.path)

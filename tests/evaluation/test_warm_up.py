@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import threading
 import time
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import check_steps
+from tests.evaluation.conftest import check_steps, tiny
 
 from betterbench.evaluation import Plan, evaluate, make_plan
 from betterbench.evaluation.workers import memory
@@ -66,6 +67,12 @@ def chosen(address, tmp_path_factory):
     return evaluate(many(address), tmp_path_factory.mktemp("chosen") / "run")
 
 
+@pytest.fixture(scope="module")
+def alone(address, tmp_path_factory):
+    """A run of two trials in a single environment."""
+    return evaluate(tiny(address, trials=2), tmp_path_factory.mktemp("alone") / "run", envs=1)
+
+
 def numbers(run: RunFolder) -> list[float]:
     return [e.wall["envs"] for e in run.entries()]
 
@@ -80,8 +87,8 @@ def test_a_warm_up_opens_more_environments_and_changes_no_record(chosen, address
     assert run_content(last.path).items() <= run_content(chosen.path).items()
 
 
-def test_a_single_environment_can_be_forced(address, tiny_plan, tmp_path):
-    assert set(numbers(evaluate(tiny_plan(address, trials=2), tmp_path / "run", envs=1))) == {1.0}
+def test_a_single_environment_can_be_forced(alone):
+    assert set(numbers(alone)) == {1.0}
 
 
 def test_a_run_is_resumed_with_another_number(chosen, address, tmp_path, run_content):
@@ -102,7 +109,9 @@ def test_a_run_is_resumed_with_another_number(chosen, address, tmp_path, run_con
     assert max(numbers(again)) >= 8.0
 
 
-def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends(address, tiny_plan, tmp_path, monkeypatch):
+def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends_and_change_no_record(
+    alone, address, tiny_plan, tmp_path, run_content, monkeypatch
+):
     monkeypatch.setattr(Slow, "first_s", 1.0)
     told = []
     run = evaluate(
@@ -113,6 +122,8 @@ def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends(address, 
         on_steps=lambda steps: told.append(("steps", steps)),
     )
     assert len(run.entries()) == 2
+    assert float(os.getpid()) not in {e.wall["worker"] for e in run.entries()}, "the work was done elsewhere"
+    assert run_content(run.path) == run_content(alone.path)
     check_steps(told)
 
 
@@ -129,9 +140,8 @@ def test_a_server_that_takes_few_connections_gets_no_more(tmp_path, caplog):
     assert "the policy accepts no further connection" in caplog.text
 
 
-def test_a_wait_is_told_apart_from_work(address, tiny_plan, tmp_path):
-    run = evaluate(tiny_plan(address, trials=2), tmp_path / "run", envs=1)
-    for entry in run.entries():
+def test_a_wait_is_told_apart_from_work(alone):
+    for entry in alone.entries():
         wall = entry.wall
         assert wall["policy_answers"] * LATENCY_S <= wall["policy_s"]
         assert 0.8 * wall["policy_s"] <= wall["idle_s"] <= wall["total_s"] + 0.5
