@@ -363,7 +363,7 @@ def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_pat
     assert outcomes(run) == {0: OVER, 1: (14, "RuntimeError: out of memory"), 2: OVER}
 
 
-@pytest.mark.parametrize("envs", [1, 2])
+@pytest.mark.parametrize("envs", others_slow([1, 2], 2))
 def test_a_policy_that_hangs_ends_its_own_trial_and_gets_a_new_process(plugin, tiny_plan, tmp_path, envs):
     run = evaluate(tiny_plan(f"{plugin}:Hangs", trials=3), tmp_path / "run", envs=envs, policy_timeout_s=2.0)
     reason = "the policy did not answer within 2 s. Raise --policy-timeout."
