@@ -110,12 +110,12 @@ def test_a_run_is_resumed_with_another_number(chosen, address, tmp_path, run_con
 
 
 def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends_and_change_no_record(
-    alone, address, tiny_plan, tmp_path, run_content, monkeypatch
+    alone, address, tmp_path, run_content, monkeypatch
 ):
     monkeypatch.setattr(Slow, "first_s", 1.0)
     told = []
     run = evaluate(
-        tiny_plan(address, trials=2),
+        tiny(address, trials=2),
         tmp_path / "run",
         workers=3,
         on_progress=lambda state: told.append(("trial", state.done)),
