@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import in_turn
 from tests.evaluation.few_steps import in_few_steps
 
 import betterbench
@@ -262,6 +263,7 @@ def test_a_level_out_of_range_is_named_as_the_argument(runs):
 PROGRAM = """
 import betterbench
 from wave import Wave
+from tests.daily import in_turn
 from tests.evaluation.few_steps import in_few_steps
 from betterbench.tasks.trial import Trial
 
@@ -276,6 +278,7 @@ if __name__ == "__main__":
 """
 
 
+@in_turn(0, 2)
 def test_a_script_starts_workers(wave, tmp_path):
     (tmp_path / "wave.py").write_text(WAVE)
     (tmp_path / "program.py").write_text(PROGRAM)

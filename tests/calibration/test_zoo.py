@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.daily import TODAY, in_turn
 
 from betterbench.calibration import CalibrationPolicy, calibrate, true_label
 from betterbench.calibration.run import assess, run_plans
@@ -47,10 +48,14 @@ def test_lexical_fails_the_counterfactual_words_only(tmp_path_factory, variation
     assert shortcuts == {"L3", "L4"} & asked
 
 
+CLUMSY = () if TODAY % 2 else pytest.mark.slow
+"""A policy that is found out by its motion, and one by what it skips, take turns."""
+
+
 @pytest.mark.parametrize(
     ("policy", "task", "variations", "found"),
     [
-        ("zoo:clumsy", "morning_coffee", ("L1",), Label.EXECUTION_FAILURE),
+        pytest.param("zoo:clumsy", "morning_coffee", ("L1",), Label.EXECUTION_FAILURE, marks=CLUMSY),
         pytest.param("zoo:clumsy", "morning_coffee", (), Label.EXECUTION_FAILURE, marks=pytest.mark.slow),
         pytest.param("zoo:habit-place", "desk_meeting", (), Label.BEHAVIORAL_INERTIA, marks=pytest.mark.slow),
     ],
@@ -81,6 +86,7 @@ def test_the_diagnosis_never_reads_the_truth(tmp_path):
     assert [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials] == before
 
 
+@in_turn(0, 2)
 def test_progress_cue_skips_the_burger_when_only_one_is_there(tmp_path):
     plan = make_plan("zoo:progress-cue", tasks=("fast_food",), variations=("T1",), trials=1, seed=40)
     plan = dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from tests.daily import in_turn
 
 import betterbench
 from betterbench.episodes import Observer
@@ -96,6 +97,7 @@ if __name__ == "__main__":
 """
 
 
+@in_turn(0, 2)
 def test_a_script_that_imports_gymnasium_alone_spawns_environments_that_are_those_of_this_process(tmp_path):
     (tmp_path / "loop.py").write_text(SPAWNED)
     command = [sys.executable, str(tmp_path / "loop.py"), str(tmp_path / "rows.npy")]
@@ -160,6 +162,7 @@ if __name__ == "__main__":
 """
 
 
+@in_turn(1, 2)
 @pytest.mark.render
 def test_a_forked_copy_of_a_renderer_is_refused_with_what_to_write_instead(tmp_path):
     (tmp_path / "loop.py").write_text(FORKED)

@@ -456,15 +456,15 @@ def short(monkeypatch):
 
 @pytest.mark.physics
 @pytest.mark.usefixtures("short")
-def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", others_slow(["Elsewhere", "Killed"], 2))
+def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp_path, monkeypatch, name):
     """The relative path of a run is meant where the run began."""
     monkeypatch.chdir(tmp_path)
-    for name in ("Elsewhere", "Killed"):
-        run = evaluate(tiny_plan(f"{plugin}:{name}", trials=3), Path(name))
-        entries = {e.seed: (e.status, e.message) for e in run.entries()}
-        assert entries == dict.fromkeys(range(3), ("done", None))
-        assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
-        assert len(list(run.records())) == 3
+    run = evaluate(tiny_plan(f"{plugin}:{name}", trials=3), Path(name))
+    entries = {e.seed: (e.status, e.message) for e in run.entries()}
+    assert entries == dict.fromkeys(range(3), ("done", None))
+    assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
+    assert len(list(run.records())) == 3
 
 
 @pytest.mark.physics

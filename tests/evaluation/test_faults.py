@@ -129,7 +129,7 @@ def test_what_is_out_of_range_is_clipped_and_counted(tiny_plan, tmp_path):
     assert records[0].outcome.clipped_actions == 0
 
 
-@pytest.mark.parametrize("fault", ["drop", "half a frame", "late"])
+@pytest.mark.parametrize("fault", others_slow(["drop", "half a frame", "late"], 3))
 def test_a_broken_request_is_asked_again_and_changes_no_record(fault, tiny_plan, tmp_path, calm):
     with Misbehaving(at_second(fault)) as server:
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", envs=3)
@@ -227,7 +227,7 @@ def test_a_server_that_goes_away_for_good_stops_the_run_which_the_same_command_f
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-@pytest.mark.parametrize("what", ["record", "journal"])
+@pytest.mark.parametrize("what", others_slow(["record", "journal"], 2))
 def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_plan, tmp_path, monkeypatch, calm):
     count = [0]
     with Misbehaving(never) as server:

@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.evaluation.few_steps import in_few_steps
 from tests.resealing import rewrite
 
@@ -251,10 +252,8 @@ def steps_short(monkeypatch):
 
 @pytest.mark.parametrize(
     "damage",
-    [
-        pytest.param(damage, id=name, marks=() if name in ("missing", "turned", "a folder") else pytest.mark.slow)
-        for name, damage in DAMAGES.items()
-    ],
+    others_slow(DAMAGES.values(), 4),
+    ids=DAMAGES.keys(),
 )
 @pytest.mark.usefixtures("steps_short")
 def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, caplog):

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from tests.daily import in_turn
 from tests.evaluation.conftest import check_steps, tiny
 
 from betterbench.evaluation import Plan, evaluate, make_plan
@@ -109,6 +110,7 @@ def test_a_run_is_resumed_with_another_number(chosen, address, tmp_path, run_con
     assert max(numbers(again)) >= 8.0
 
 
+@in_turn(1, 2)
 def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends_and_change_no_record(
     alone, address, tmp_path, run_content, monkeypatch
 ):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.daily import others_slow
+from tests.daily import in_turn, others_slow
 from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
@@ -243,9 +243,7 @@ def four_processors(monkeypatch):
 def short(monkeypatch):
     """Ends each trial after a few steps, here and in workers."""
     monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", in_few_steps(STEPS))
-        yield
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(STEPS))
 
 
 @pytest.fixture(autouse=True)
@@ -507,7 +505,8 @@ def test_the_last_trials_are_shared_out_evenly(left, workers, envs, share):
     assert even_share(left, workers, envs) == share
 
 
-def test_long_tasks_come_first_and_trials_of_a_scene_together():
+def test_long_tasks_come_first_and_trials_of_a_scene_together(monkeypatch):
+    monkeypatch.undo()  # with the limits of the tasks
     plan = make_plan("noop", tasks=["morning_coffee", "fast_food"], trials=2)
     ordered = OWN_WORLD.in_order(plan.trials, last=0)
     limits = {}
@@ -523,7 +522,8 @@ def test_long_tasks_come_first_and_trials_of_a_scene_together():
     assert sorted(map(str, ordered)) == sorted(map(str, plan.trials))
 
 
-def test_the_last_trials_begin_with_the_longest():
+def test_the_last_trials_begin_with_the_longest(monkeypatch):
+    monkeypatch.undo()  # with the limits of the tasks
     plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=6)
     limits = {t.id: t.resolve().task.step_limit(t.resolve().condition) for t in plan.trials}
     assert len(set(limits.values())) == 2
@@ -551,6 +551,7 @@ def test_several_workers_share_one_process_with_the_weights(plugin, tiny_plan, t
     assert run_content(evaluate(plan, tmp_path / "alone").path) == run_content(run.path)
 
 
+@in_turn(0, 2)
 @pytest.mark.usefixtures("four_processors")
 @pytest.mark.parametrize(("workers", "loaded"), [(None, 1), pytest.param(2, 2, marks=pytest.mark.slow)])
 def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_asked_for(
@@ -562,6 +563,7 @@ def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_a
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
 
 
+@in_turn(1, 2)
 @pytest.mark.parametrize(
     "policy", ["Raising", pytest.param("Bent", marks=pytest.mark.slow), pytest.param("Exits", marks=pytest.mark.slow)]
 )

@@ -162,7 +162,7 @@ def test_a_hover_closes_nothing_and_stays_over_its_thing(play):
             (("swaps-second-and-third-brisk", "cheeseburger", "O1", 1, 250), ["patty", "top_bun", "cheese"]),
             (("misses-then-swaps-brisk", "fast_food", "R1", 1, 120), [None, "drink"]),
         ],
-        4,
+        7,
     ),
 )
 @pytest.mark.physics
@@ -191,7 +191,7 @@ def test_misses_of_the_second_half_are_at_the_things_they_aim_at(play):
             ("closes-too-little-brisk", "dinner_plates", "train1"),
             ("looks-then-leaves-it-brisk", "morning_coffee", "T1"),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, condition):
@@ -217,7 +217,7 @@ def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, con
             ("lets-go-too-late-hurried", "fast_food", "train1", 180),
             ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
         ],
-        4,
+        7,
     ),
 )
 def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):

@@ -54,7 +54,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(name):
             (("shows-second-first-darting", "fruit_lunch", "train1", 1, 90), ["orange"]),
             (("returns-look-alike-darting", "morning_coffee", "O1", 1, 90), ["red_can"]),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
@@ -75,7 +75,7 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
             ("turns-its-back-darting", "tidy_desk", "train4", None),
             ("sways-wider-and-wider-darting", "fast_food", "T1", None),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_without_a_grasp_moves_what_it_says_and_nothing_else(play, policy, task, condition, moved):

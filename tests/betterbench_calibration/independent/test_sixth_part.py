@@ -118,7 +118,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(habit):
             (("drops-look-alike-on-it-hurried", "morning_coffee", "O1", 1, 110), ["red_can"]),
             (("quits-at-open-drawer-hurried", "office_drawer", "train1", 1, 200), ["upper"]),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
@@ -142,7 +142,7 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
             ("rests-ever-longer-hurried", "tidy_desk", "train4", set()),
             ("curls-up-hurried", "morning_coffee", "train1", set()),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, policy, task, condition, touched):

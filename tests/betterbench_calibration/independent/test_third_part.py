@@ -28,7 +28,7 @@ ODD_ONES = [h for h in FAMILY_PARTS["third"] if not h.label]
             (("loses-look-alike-brisk", "fast_food", "O1", 1, 120), ["round_block"]),
             (("fumbles-then-sinks-brisk", "seasoning_rack", "train1", 1, 120), [None, "salt"]),
         ],
-        4,
+        7,
     ),
 )
 def test_a_habit_closes_where_and_in_the_order_it_says(play, trial, gripped):
