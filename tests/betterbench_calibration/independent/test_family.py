@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
-from tests.daily import others_slow
+from tests.daily import others_slow, part_of_today
 from tests.looping import each
 
 import betterbench_calibration.independent
@@ -73,8 +73,8 @@ def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
 
 
 def first_shown():
-    """Each habit with the first condition in which it shows, sorted by condition, so that each scene is built once."""
-    shown = [(next(s for s in shown_in(habit.name) if s.faulty), habit) for habit in HABITS]
+    """A third of the habits with the first condition in which each shows, sorted so that each scene is built once."""
+    shown = [(next(s for s in shown_in(habit.name) if s.faulty), habit) for habit in part_of_today(HABITS, 3)]
     return sorted(((s.task, s.condition, habit) for s, habit in shown), key=lambda case: case[:2])
 
 
