@@ -7,13 +7,17 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import in_turn
+from tests.evaluation.few_steps import in_few_steps
 
 import betterbench
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, PolicyError, RecordError, RunConflictError, UnknownNameError
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 
@@ -44,6 +48,12 @@ class Wave:
 """
 
 
+@pytest.fixture
+def short(monkeypatch):
+    """Ends the trials in this process after a few steps."""
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(20))
+
+
 @pytest.fixture(scope="module")
 def wave(tmp_path_factory):
     """File of a policy, and its class."""
@@ -60,9 +70,11 @@ def runs(wave, tmp_path_factory):
     out = tmp_path_factory.mktemp("runs")
     path, policy = wave
     mine = policy()
-    there = betterbench.evaluate(mine, **PLAN, out=out / "instance")
-    assert not mine.closed, "the instance stays the caller's"
-    address = betterbench.evaluate(f"python:{path}:Wave", **PLAN, out=str(out / "address"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(100))
+        there = betterbench.evaluate(mine, **PLAN, out=out / "instance")
+        assert not mine.closed, "the instance stays the caller's"
+        address = betterbench.evaluate(f"python:{path}:Wave", **PLAN, out=str(out / "address"))
     expert = betterbench.evaluate("expert", **PLAN, out=out / "expert")
     return there, address, expert
 
@@ -126,6 +138,7 @@ def test_a_run_goes_on_where_it_stopped_and_another_policy_is_refused(wave, runs
         betterbench.evaluate(other, **PLAN, out=mine.path)
 
 
+@pytest.mark.usefixtures("short")
 def test_an_edited_file_is_another_policy(tmp_path, monkeypatch):
     def evaluate(**options):
         spec = importlib.util.spec_from_file_location("wave_of_mine", tmp_path / "wave.py")
@@ -143,12 +156,14 @@ def test_an_edited_file_is_another_policy(tmp_path, monkeypatch):
     assert evaluate(allow_changed_policy=True).context["policy_changes"]
 
 
+@pytest.mark.usefixtures("short")
 def test_progress_is_told_after_every_trial(tmp_path):
     seen = []
     betterbench.evaluate("noop", **PLAN, out=tmp_path / "run", on_progress=lambda p: seen.append((p.done, p.planned)))
     assert seen == [(0, 2), (1, 2), (2, 2)]
 
 
+@pytest.mark.usefixtures("short")
 def test_the_folder_is_called_after_the_policy(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert betterbench.evaluate("noop", **PLAN).path == tmp_path / "runs" / "noop"
@@ -248,19 +263,26 @@ def test_a_level_out_of_range_is_named_as_the_argument(runs):
 PROGRAM = """
 import betterbench
 from wave import Wave
+from tests.daily import in_turn
+from tests.evaluation.few_steps import in_few_steps
+from betterbench.tasks.trial import Trial
+
+Trial.resolve = in_few_steps(20)  # a worker imports this file, too
 
 if __name__ == "__main__":
     run = betterbench.evaluate(
-        "python:wave.py:Wave", tasks="morning_coffee", variations="L1", trials=1, quality="fast",
-        observation="state_only", workers=2, out="run",
+        "noop", tasks="morning_coffee", variations="L1", trials=1, quality="fast", observation="state_only",
+        workers=2, out="run",
     )
     print(len(betterbench.load_run("run").entries()))
 """
 
 
+@in_turn(0, 2)
 def test_a_script_starts_workers(wave, tmp_path):
     (tmp_path / "wave.py").write_text(WAVE)
     (tmp_path / "program.py").write_text(PROGRAM)
     command = [sys.executable, "program.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert done.stdout.split() == ["2"], done.stderr

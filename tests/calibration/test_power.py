@@ -59,17 +59,17 @@ def test_a_part_of_the_other_calibration_is_not_packaged():
 
 @pytest.mark.physics
 def test_a_small_matrix_is_measured_shared_and_resumed(tmp_path):
-    r1, l1 = ("fast_food", "R1"), ("fast_food", "L1")
-    of = {name: {r1: 1, l1: 1} for name in (EXPERT, "zoo:lexical", "zoo:phase", "probe:replay")}
-    planned = PowerTrials(of, {r1: 0.25, l1: 0.25})
+    l1, l3 = ("morning_coffee", "L1"), ("morning_coffee", "L3")
+    of = {name: {l1: 1, l3: 1} for name in (EXPERT, "zoo:lexical", "zoo:phase", "probe:replay")}
+    planned = PowerTrials(of, {l1: 0.5, l3: 0.5})
     steps = []
     found = measure_power(planned, tmp_path, on_progress=steps.append)
-    assert found.cells[EXPERT][r1].k == found.cells[EXPERT][l1].k == 1
-    assert found.cells["zoo:lexical"][r1].shared == 1
-    assert found.cells["zoo:lexical"][r1].k == 1
-    assert found.cells["zoo:lexical"][l1].k == found.cells["zoo:lexical"][l1].right == 0
-    assert found.cells["zoo:lexical"][l1].failed == {"lexical_kinematic_shortcut": 1}
-    assert found.cells["probe:replay"][l1].k == 0
+    assert found.cells[EXPERT][l1].k == found.cells[EXPERT][l3].k == 1
+    assert found.cells["zoo:lexical"][l1].shared == 1
+    assert found.cells["zoo:lexical"][l1].k == 1
+    assert found.cells["zoo:lexical"][l3].k == found.cells["zoo:lexical"][l3].right == 0
+    assert found.cells["zoo:lexical"][l3].failed == {"lexical_kinematic_shortcut": 1}
+    assert found.cells["probe:replay"][l3].k == 0
     assert (tmp_path / "zoo-lexical").exists()
     assert not (tmp_path / "zoo-phase").exists(), "it decides like the expert in both, and is not run"
     assert steps[-1].done == steps[-1].planned == planned.total

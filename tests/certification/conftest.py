@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from tests.certification.made import make_trial
 
-from betterbench.certification import CLAUSES, Certificate, Clause, TrialCertificate
+from betterbench.certification import Certificate, TrialCertificate
 from betterbench.certification.runner import versions_in_use
 from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
@@ -14,27 +15,6 @@ from betterbench.interface.state import Contact
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
-
-
-def make_trial(task="fast_food", condition="L1", seed=0, *, fails="", **changes) -> TrialCertificate:
-    """Returns the findings on a trial, with the clauses of the letters in ``fails`` not holding."""
-    fields = {
-        "task": task,
-        "condition": condition,
-        "training": condition.startswith("train"),
-        "seed": seed,
-        "clauses": {c: Clause(c not in fails, f"{c} is <wrong>" if c in fails else "") for c in CLAUSES},
-        "steps": 300 + seed,
-        "step_limit": 550,
-        "penetration_mm": 0.01,
-        "drift_mm": 0.002,
-        "joint_margin_rad": 0.4,
-        "support_slack_mm": 1.5,
-        "primitives": ("picks the burger in first",),
-        "expert_s": 1.5,
-        "total_s": 2.0,
-    }
-    return TrialCertificate(**{**fields, **changes})
 
 
 def make_certificate(*trials: TrialCertificate, **versions) -> Certificate:

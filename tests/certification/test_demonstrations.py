@@ -237,7 +237,7 @@ def test_equally_good_places_are_taken_in_any_order_and_others_in_turn(start):
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize(("task_id", "name"), others_slow(PREPLACED, 6), ids=[f"{t}/{n}" for t, n in PREPLACED])
+@pytest.mark.parametrize(("task_id", "name"), others_slow(PREPLACED, 12), ids=[f"{t}/{n}" for t, n in PREPLACED])
 def test_what_is_preplaced_stands_as_a_demonstration_left_it_at_rest_with_every_look(task_id, name):
     poses = set()
     for seed in range(10):

@@ -127,6 +127,11 @@ def test_a_demonstration_of_both_fruits_tells_how_they_lie_together():
     ends = [o.at.position_mm for o in together.objects]
     assert any(all(distance(o.at.position_mm, e) < 1.0 for o, e in zip(j.objects, ends, strict=True)) for j in same)
     assert [o.kind for o in together.objects] == ["lemon", "mangosteen"]
+
+
+@pytest.mark.slow
+@pytest.mark.physics
+def test_a_demonstration_of_one_fruit_tells_nothing_of_both():
     alone = demonstrate(TrialId(TASK.id, "train1", FIRST_DEMONSTRATION_SEED), robot="so101")
     assert alone.together == ()
 

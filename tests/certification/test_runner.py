@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.certification.conftest import make_trial
+from tests.certification.made import dies_at_seed_2
 
 from betterbench.certification import runner
 from betterbench.certification.certificate import CertificateVersions
@@ -154,14 +154,8 @@ def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_fligh
     assert timeless(certify(TRIALS, tmp_path / "killed", workers=2)) == timeless(whole)
 
 
-def _dies_at_seed_2(trial_id):
-    if trial_id.seed == 2:
-        os._exit(7)
-    return make_trial(trial_id.task, trial_id.condition, trial_id.seed)
-
-
 def test_a_trial_that_kills_its_worker_is_named_and_the_others_are_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "examine", _dies_at_seed_2)
+    monkeypatch.setattr(runner, "examine", dies_at_seed_2)
     trials = [TrialId("morning_coffee", "T1", seed) for seed in range(6)]
     with pytest.raises(WorkerError, match=r"^morning_coffee/T1/2: 3 worker processes died while running it"):
         certify(trials, tmp_path, workers=2)

@@ -65,11 +65,14 @@ def test_the_prefix_of_the_id_makes_gymnasium_import_the_package():
 
 @pytest.mark.parametrize(
     "imports",
-    [
-        "import gymnasium, betterbench",
-        "import gymnasium; import betterbench.errors",
-        "import betterbench, gymnasium; betterbench.register_environments()",
-    ],
+    others_slow(
+        [
+            "import gymnasium, betterbench",
+            "import gymnasium; import betterbench.errors",
+            "import betterbench, gymnasium; betterbench.register_environments()",
+        ],
+        3,
+    ),
 )
 def test_the_tasks_are_registered_when_the_package_is_imported_after_gymnasium_or_on_request(imports):
     run(f"{imports}; {KNOWN}")
@@ -94,7 +97,7 @@ def test_every_task_passes_gymnasium_s_checker(make, task_id):
 
 @pytest.mark.render
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")
-@pytest.mark.parametrize("task_id", others_slow(TASKS, 3))
+@pytest.mark.parametrize("task_id", others_slow(TASKS, len(TASKS)))
 def test_every_task_passes_the_checker_with_images(make, task_id):
     env = make(task_id, observation="default", render_mode="rgb_array")
     check_env(env.unwrapped)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from tests.daily import others_slow
 from tests.robots import ROBOTS, task_of
 
 from betterbench.episodes import Observer, TrialContext, run_episode
@@ -50,7 +51,7 @@ def make():
 
 @pytest.mark.render
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # motors have units
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", others_slow(ROBOTS, 2))
 def test_a_single_environment_passes_gymnasium_s_checker(name):
     env = gymnasium.make(ENVIRONMENT_ID, task=task_of(name), variation="L1", quality="fast")
     check_env(env.unwrapped)

@@ -67,11 +67,21 @@ def record_of(setting: str, thing: str, *, height_m: float, close: bool, stay_s:
 @pytest.mark.parametrize(
     ("setting", "thing", "course", "right"),
     [
-        ("fruit_lunch/O1", "red_block", {"height_m": 0.025, "close": True, "stay_s": 0.6}, False),
-        ("fruit_lunch/O1", "red_block", {"height_m": 0.025, "close": False, "stay_s": 1.5}, False),
-        ("fruit_lunch/O1", "red_block", {"height_m": 0.12, "close": False, "stay_s": 1.5}, True),
-        ("morning_coffee/T1", "blue_mug", {"height_m": 0.04, "close": False, "stay_s": 1.5}, False),
-        ("morning_coffee/T1", "blue_mug", {"height_m": 0.12, "close": False, "stay_s": 1.0}, True),
+        *others_slow(
+            [
+                ("fruit_lunch/O1", "red_block", {"height_m": 0.025, "close": True, "stay_s": 0.6}, False),
+                ("fruit_lunch/O1", "red_block", {"height_m": 0.025, "close": False, "stay_s": 1.5}, False),
+                ("morning_coffee/T1", "blue_mug", {"height_m": 0.04, "close": False, "stay_s": 1.5}, False),
+            ],
+            3,
+        ),
+        *others_slow(
+            [
+                ("fruit_lunch/O1", "red_block", {"height_m": 0.12, "close": False, "stay_s": 1.5}, True),
+                ("morning_coffee/T1", "blue_mug", {"height_m": 0.12, "close": False, "stay_s": 1.0}, True),
+            ],
+            2,
+        ),
     ],
 )
 def test_a_grasp_that_misses_and_a_stay_are_attempts_and_a_look_from_above_is_none(setting, thing, course, right):

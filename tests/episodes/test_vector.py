@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from tests.daily import in_turn
 
 import betterbench
 from betterbench.episodes import Observer
@@ -76,36 +77,38 @@ def test_every_environment_has_its_own_seed_and_sentence():
     envs.close()
 
 
-def test_spawned_processes_give_what_this_process_gives():
-    here, there = vector(), vector("async", vector_kwargs={"context": "spawn"})
-    try:
-        assert np.array_equal(rows(here), rows(there))
-        assert here.get_attr("instruction") == there.get_attr("instruction")
-    finally:
-        here.close()
-        there.close()
-
-
 SPAWNED = f"""
+import sys
 import gymnasium
+import numpy as np
 def main():
     envs = gymnasium.make_vec(
-        "{ID}", num_envs=1, vectorization_mode="async", vector_kwargs={{"context": "spawn"}},
+        "{ID}", num_envs=2, vectorization_mode="async", vector_kwargs={{"context": "spawn"}},
         observation="state_only", quality="fast",
     )
-    envs.reset(seed=[3])
-    print(*envs.get_attr("step_limit"), envs.spec.id)
+    found = [envs.reset(seed=5)[0]]
+    for _ in range(4):
+        found.append(envs.step(np.array({MOVE.tolist()} * 2, dtype=np.float32))[0])
+    np.save(sys.argv[1], [np.concatenate([s[k].reshape(2, -1) for k in sorted(s)], axis=1) for s in found])
+    print(*envs.get_attr("instruction"), *envs.get_attr("step_limit"), envs.spec.id, sep="\\n")
     envs.close()
 if __name__ == "__main__":
     main()
 """
 
 
-def test_a_script_that_imports_gymnasium_alone_spawns_environments(tmp_path):
+@in_turn(0, 2)
+def test_a_script_that_imports_gymnasium_alone_spawns_environments_that_are_those_of_this_process(tmp_path):
     (tmp_path / "loop.py").write_text(SPAWNED)
-    command = [sys.executable, str(tmp_path / "loop.py")]
+    command = [sys.executable, str(tmp_path / "loop.py"), str(tmp_path / "rows.npy")]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
-    assert done.stdout.split() == ["540", "BeTTER/MorningCoffee-v0"], done.stderr
+    here = vector()
+    try:
+        assert np.array_equal(rows(here), np.load(tmp_path / "rows.npy")), done.stderr
+        told = [*here.get_attr("instruction"), "540", "540", "BeTTER/MorningCoffee-v0"]
+        assert done.stdout.splitlines() == told, done.stderr
+    finally:
+        here.close()
 
 
 @pytest.mark.slow
@@ -159,6 +162,7 @@ if __name__ == "__main__":
 """
 
 
+@in_turn(1, 2)
 @pytest.mark.render
 def test_a_forked_copy_of_a_renderer_is_refused_with_what_to_write_instead(tmp_path):
     (tmp_path / "loop.py").write_text(FORKED)

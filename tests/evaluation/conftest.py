@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.evaluation.few_steps import in_few_steps
 
 from betterbench.evaluation import Plan, evaluate, make_plan
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.records import RunFolder
-from betterbench.tasks.interventions.resolve import ResolvedCondition
 
 FEW_STEPS = 24
 
@@ -38,19 +38,6 @@ def check_steps(told: list[tuple[str, int]]) -> None:
     steps = [count for kind, count in told if kind == "steps"]
     assert steps == sorted(steps)
     assert len(set(steps)) == len(steps)
-
-
-def in_few_steps(steps: int, *, still: int | None = None) -> Callable[[Trial], ResolvedCondition]:
-    """Returns a method that resolves a trial to a task with a short step limit; other processes do not know it."""
-    ordinary = Trial.resolve
-
-    def resolve(trial: Trial) -> ResolvedCondition:
-        found = ordinary(trial)
-        limits = {"base_steps": steps, "steps_per_subgoal": 0, "still_steps": steps if still is None else still}
-        template = dataclasses.replace(found.task.template, **limits)
-        return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
-
-    return resolve
 
 
 @pytest.fixture

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
+from tests.daily import others_slow
+from tests.evaluation.conftest import FEW_STEPS, tiny
+from tests.evaluation.few_steps import in_few_steps
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError
 from betterbench.evaluation import evaluate
@@ -51,7 +53,7 @@ def delivered(worker: RemoteWorker, trials) -> Turn:
     return Turn(tuple(d for t in turns for d in t.deliveries), scenes)
 
 
-@pytest.mark.parametrize("envs", [1, 3])
+@pytest.mark.parametrize("envs", others_slow([1, 3], 2))
 def test_what_an_outpost_delivers_is_what_a_run_here_writes(uninterrupted, tiny_plan, run_content, envs):
     worker = remote_worker(uninterrupted, envs=envs)
     try:

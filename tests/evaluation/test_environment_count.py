@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 
 import pytest
+from tests.daily import others_slow
 from tests.evaluation.closed_queue import Queue, Server
 
 from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, EnvironmentCount, Window
@@ -29,7 +30,7 @@ def chosen(kind: str, latency_s: float, **options) -> list[int]:
     return Queue(Server(latency_s, kind, **options), trials=200).run()[2]
 
 
-@pytest.mark.parametrize("latency_s", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("latency_s", others_slow([0.03, 0.1, 0.3], 3))
 def test_a_run_takes_hardly_longer_than_its_simulation_or_its_policy(latency_s):
     assert ratio("free", latency_s) <= 1.05
     assert ratio("batches", latency_s, at_once=16, trials=96) <= 1.08
@@ -49,7 +50,7 @@ def test_about_twice_the_knee_is_chosen(latency_s, least, most):
     assert all(least <= number <= most for number in chosen("free", latency_s))
 
 
-@pytest.mark.parametrize("latency_s", [0.03, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("latency_s", others_slow([0.03, 0.1, 0.3, 1.0], 4))
 def test_a_server_that_answers_one_at_a_time_gets_no_longer_queue_for_long(latency_s):
     # One of several workers may take a larger share of the server, which costs nobody anything.
     assert Queue(Server(latency_s, "serial"), trials=200, workers=1).run()[2] == [8]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.evaluation.few_steps import in_few_steps
 
 from betterbench.diagnosis import Label, diagnose_run
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.evaluation import ExternalRun, evaluate, make_plan
 from betterbench.interface import episode_number
 from betterbench.records import RunFolder, record_bytes
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
 
@@ -27,7 +29,8 @@ def plan(policy: str = "mine", *, trials: int = 1):
     )
 
 
-def test_a_callable_leaves_the_records_of_better_eval(tmp_path):
+def test_a_callable_leaves_the_records_of_better_eval(tmp_path, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(60))
     ours = evaluate(plan("noop"), tmp_path / "ours")
     with ExternalRun(plan(), tmp_path / "mine") as run:
         done = [run.play(trial, lambda _: STILL) for trial in run.waiting()]

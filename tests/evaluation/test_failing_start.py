@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
+from tests.evaluation.misbehaving import Misbehaving
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.running.failing_start import FIRST_TRIALS, FailingStart
@@ -45,17 +46,12 @@ def test_anything_else_is_left_to_the_diagnosis(caplog, messages):
     assert warnings_after(caplog, messages) == []
 
 
-def test_a_run_that_breaks_from_the_beginning_is_finished_all_the_same(caplog, tiny_plan, tmp_path, monkeypatch):
-    (tmp_path / "broken.py").write_text(
-        "import numpy as np\n"
-        "from betterbench.interface import PolicyInfo\n"
-        "class Broken:\n"
-        "    info = PolicyInfo('broken', needs_images=False)\n"
-        "    def reset(self, start): pass\n"
-        "    def act(self, observation): return np.zeros((50, 32))\n"
-    )
-    plan = tiny_plan(f"python:{tmp_path / 'broken.py'}:Broken", trials=FIRST_TRIALS + 1)
-    with caplog.at_level(logging.WARNING, logger="betterbench.evaluation.running.failing_start"):
-        run = evaluate(plan, tmp_path / "run")
+@pytest.mark.usefixtures("short_trials")
+def test_a_run_that_breaks_from_the_beginning_is_finished_all_the_same(caplog, tiny_plan, tmp_path):
+    with (
+        Misbehaving(lambda *_: "wrong shape") as server,
+        caplog.at_level(logging.WARNING, logger="betterbench.evaluation.running.failing_start"),
+    ):
+        run = evaluate(tiny_plan(server.address, trials=FIRST_TRIALS + 1), tmp_path / "run")
     assert [e.status for e in run.entries()] == ["done"] * (FIRST_TRIALS + 1)
     assert sum("all ended with the same error" in r.getMessage() for r in caplog.records) == 1

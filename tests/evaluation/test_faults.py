@@ -15,7 +15,9 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.evaluation.conftest import FEW_STEPS, in_few_steps, tiny
+from tests.daily import others_slow
+from tests.evaluation.conftest import FEW_STEPS, tiny
+from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 from tests.evaluation.misbehaving import CHUNK, Misbehaving
 
 from betterbench.errors import PolicyUnavailableError, RunConflictError, StorageError
@@ -102,7 +104,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("fault", "reason"), BAD.items(), ids=BAD.keys())
+@pytest.mark.parametrize(("fault", "reason"), others_slow(BAD.items(), 3), ids=BAD.keys())
 def test_a_bad_reply_ends_its_trial_with_the_reason_and_no_other(fault, reason, tiny_plan, tmp_path, calm):
     with Misbehaving(at_second(fault)) as server:
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", envs=3)
@@ -127,7 +129,7 @@ def test_what_is_out_of_range_is_clipped_and_counted(tiny_plan, tmp_path):
     assert records[0].outcome.clipped_actions == 0
 
 
-@pytest.mark.parametrize("fault", ["drop", "half a frame", "late"])
+@pytest.mark.parametrize("fault", others_slow(["drop", "half a frame", "late"], 3))
 def test_a_broken_request_is_asked_again_and_changes_no_record(fault, tiny_plan, tmp_path, calm):
     with Misbehaving(at_second(fault)) as server:
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", envs=3)
@@ -225,7 +227,7 @@ def test_a_server_that_goes_away_for_good_stops_the_run_which_the_same_command_f
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-@pytest.mark.parametrize("what", ["record", "journal"])
+@pytest.mark.parametrize("what", others_slow(["record", "journal"], 2))
 def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_plan, tmp_path, monkeypatch, calm):
     count = [0]
     with Misbehaving(never) as server:
@@ -303,18 +305,9 @@ def test_two_runs_into_one_folder_are_refused_and_the_first_one_is_not_disturbed
 # ----------------------------------------------------------------------------------------------------- worker processes
 
 
-def work_shortly(settings, connection):
-    """The main function of a worker process whose trials are short."""
-    Trial.resolve = in_few_steps(STEPS)
-    ordinary_work(settings, connection)
-
-
-ordinary_work = pool.work
-
-
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(pool, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
     killed = []
 
     def script(request, number):
@@ -334,7 +327,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_
 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_worker_processes(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(pool, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
     children = []
 
     def script(request, number):

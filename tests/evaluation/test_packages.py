@@ -15,11 +15,14 @@ import betterbench.evaluation as package
 HEAVY = ("ray", "av", "websockets", "zmq", "matplotlib", "vla_eval", "gymnasium")
 
 
+EVALUATE = (
+    "from betterbench.evaluation import evaluate\n"
+    "import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner"
+)
 STATEMENTS = (
     "from betterbench.evaluation import make_plan",
     "from betterbench.evaluation import show_training",
-    "from betterbench.evaluation import evaluate",
-    "import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner",
+    EVALUATE,
     "import betterbench.evaluation.workers.pool",
 )
 EACH_APART = """
@@ -80,7 +83,7 @@ def test_one_name_imports_only_its_own_packages(name, packages):
 
 
 def test_a_local_run_imports_no_ray_no_film_and_no_network():
-    modules = imported("from betterbench.evaluation import evaluate")
+    modules = imported(EVALUATE)
     assert not {"ray", "av", "matplotlib", "zmq", "vla_eval", "scipy.stats", "trimesh"} & modules
     inner = {n.split(".")[2] for n in modules if n.startswith("betterbench.evaluation.")}
     assert not {"figures", "preflight", "integrations"} & inner
@@ -88,7 +91,7 @@ def test_a_local_run_imports_no_ray_no_film_and_no_network():
 
 
 def test_a_run_in_our_own_scenes_reads_nothing_of_calvin():
-    modules = imported("from betterbench.evaluation import evaluate")
+    modules = imported(EVALUATE)
     modules |= imported("from betterbench.evaluation import make_plan")
     assert not [
         name
@@ -98,7 +101,7 @@ def test_a_run_in_our_own_scenes_reads_nothing_of_calvin():
 
 
 def test_a_worker_imports_no_planner_no_special_functions_and_no_habits():
-    modules = imported("import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner")
+    modules = imported(EVALUATE)
     assert not {"mink", "qpsolvers", "scipy.special", "scipy.sparse"} & modules
     assert "betterbench_calibration.independent.registry" not in modules
 

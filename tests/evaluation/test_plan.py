@@ -166,14 +166,14 @@ def test_looks_are_a_value_of_the_plan():
         make_plan("expert", tasks=("fast_food",), trials=1, looks="unsen")
 
 
-def test_sixty_thousand_planned_trials_are_not_quadratic(tmp_path):
-    trials = [{"task": "fast_food", "condition": "train1", "seed": seed} for seed in range(60_000)]
+def test_twenty_thousand_planned_trials_are_not_quadratic(tmp_path):
+    trials = [{"task": "fast_food", "condition": "train1", "seed": seed} for seed in range(20_000)]
     run = RunFolder(tmp_path, {"policy": "noop", "trials": [*trials, trials[-1]]}, {})
     began = time.process_time()
-    with pytest.raises(RecordError, match="train1/59999 is planned twice"):
+    with pytest.raises(RecordError, match="train1/19999 is planned twice"):
         read_plan(run)
     found = smallest_paired_difference(100_000, opposite=0.1)
-    assert time.process_time() - began < 12.0  # 900 s, and 50 s, with the square of their number
+    assert time.process_time() - began < 8.0  # 100 s, and 50 s, with the square of their number
     assert found.value == pytest.approx(0.005, abs=0.001)
 
 

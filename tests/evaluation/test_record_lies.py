@@ -9,7 +9,8 @@ import shutil
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import in_few_steps
+from tests.daily import others_slow
+from tests.evaluation.few_steps import in_few_steps
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
@@ -218,6 +219,7 @@ def test_a_journal_that_was_changed_is_noticed(copy, tiny_plan, change):
         assert "elete" not in str(raised.value)
 
 
+@pytest.mark.usefixtures("steps_short")
 def test_a_journal_of_an_older_version_is_read_and_continued(copy, tiny_plan):
     old = []
     for line in copy.journal_path.read_text(encoding="utf-8").splitlines()[:2]:
@@ -250,10 +252,8 @@ def steps_short(monkeypatch):
 
 @pytest.mark.parametrize(
     "damage",
-    [
-        pytest.param(damage, id=name, marks=() if name in ("missing", "turned", "a folder") else pytest.mark.slow)
-        for name, damage in DAMAGES.items()
-    ],
+    others_slow(DAMAGES.values(), 4),
+    ids=DAMAGES.keys(),
 )
 @pytest.mark.usefixtures("steps_short")
 def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, caplog):

@@ -10,7 +10,7 @@ from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.errors import RecordError, RunConflictError, UnknownNameError
-from betterbench.evaluation import make_plan
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.evaluation.planning.trust import risks_of
 from betterbench.records import RunFolder
@@ -57,17 +57,19 @@ def test_a_plan_of_an_earlier_version_without_a_robot_is_of_the_panda(changed, t
     assert repeated_plan(changed(lambda plan: plan.pop("robot"))) == tiny_plan()
 
 
-def test_better_eval_from_repeats_a_run_bit_for_bit(uninterrupted, tmp_path, run_content, capsys):
+@pytest.mark.usefixtures("short_trials")
+def test_better_eval_from_repeats_a_run_bit_for_bit(tiny_plan, tmp_path, run_content, capsys):
+    first = evaluate(tiny_plan(trials=2), tmp_path / "first")
     out = tmp_path / "again"
-    source = uninterrupted.path / "run.json"
+    source = first.path / "run.json"
     arguments = ["eval", "--from", str(source), "--out", str(out), "--workers", "1", "--uncertified", "--json"]
     assert main(arguments) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out)["variations"]["n"] == 4
+    assert json.loads(said.out)["variations"]["n"] == 2
     assert "" not in said.err.splitlines(), "the log of a batch job has no empty lines where a bar would be"
     assert "policy:" not in said.err, "a policy of ours is nothing to wait for"
-    assert run_content(out) == run_content(uninterrupted.path)
-    assert json.loads((out / "run.json").read_bytes())["plan"] == uninterrupted.plan
+    assert run_content(out) == run_content(first.path)
+    assert json.loads((out / "run.json").read_bytes())["plan"] == first.plan
 
 
 def test_another_policy_can_run_the_same_trials(uninterrupted, tiny_plan):

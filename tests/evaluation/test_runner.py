@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import in_few_steps, tiny
+from tests.evaluation.conftest import tiny
+from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 
 import betterbench
 from betterbench.errors import (
@@ -43,33 +44,23 @@ pytestmark = pytest.mark.physics
 
 @pytest.fixture(autouse=True)
 def short(request, monkeypatch):
-    """Ends each trial after a few steps, but where a run is killed in the middle or a policy has to succeed."""
-    if {"uninterrupted", "plugin"} & set(request.fixturenames):
-        yield
-        return
-    monkeypatch.setattr(pool, "work", work_shortly)
+    """Ends each trial after a few steps, and after more of them where a policy has to succeed."""
+    steps, still = (60, 60) if "plugin" in request.fixturenames else SHORT
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(steps, still=still))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", SHORTENED)
+        patch.setattr(Trial, "resolve", in_few_steps(steps, still=still))
         yield
 
 
-SHORTENED = in_few_steps(24, still=12)
-
-
-def work_shortly(settings, connection):
-    """The main function of a worker process whose trials are short."""
-    Trial.resolve = SHORTENED
-    ordinary_work(settings, connection)
-
-
-ordinary_work = pool.work
+SHORT = (24, 12)
+"""Step limits of the trials: of those with something to do, and of those in which nothing is to be done."""
 
 
 @pytest.fixture(scope="module")
 def short_run(tmp_path_factory):
     """The tiny plan with short trials, run in one go by one process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Trial, "resolve", SHORTENED)
+        patch.setattr(Trial, "resolve", in_few_steps(SHORT[0], still=SHORT[1]))
         return evaluate(tiny(), tmp_path_factory.mktemp("short") / "run")
 
 
@@ -145,6 +136,7 @@ def test_results_do_not_depend_on_the_order_of_the_plan(short_run, tiny_plan, tm
     assert run_content(other.path) == run_content(short_run.path)
 
 
+@pytest.mark.slow
 def test_one_and_two_workers_write_the_same_bytes(short_run, tiny_plan, tmp_path, run_content):
     two = evaluate(tiny_plan(), tmp_path / "run", workers=2)
     assert run_content(two.path) == run_content(short_run.path)
@@ -457,9 +449,19 @@ def _premise_in_worker(settings, connection):
 
 
 SCRIPT = """
-import dataclasses, sys
+import dataclasses, sys, time
 from pathlib import Path
+from tests.evaluation.few_steps import in_few_steps
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.sim.scenes import Scene
+from betterbench.tasks.trial import Trial
+
+def slowly(scene, action):
+    time.sleep(float(sys.argv[3]))
+    return step(scene, action)
+
+step, Scene.step = Scene.step, slowly
+Trial.resolve = in_few_steps(24, still=12)
 
 if __name__ == "__main__":
     plan = make_plan(
@@ -471,14 +473,14 @@ if __name__ == "__main__":
 
 
 @contextlib.contextmanager
-def in_another_process(folder: Path, out: Path, *, workers: int):
-    """Runs the tiny plan in a session of its own, and leaves none of its processes behind."""
+def in_another_process(folder: Path, out: Path, *, workers: int, step_s: float = 0.05):
+    """Runs the tiny plan with slow steps in a session of its own, and leaves none of its processes behind."""
     script = folder / "run_tiny.py"
     script.write_text(textwrap.dedent(SCRIPT), encoding="utf-8")
-    source = str(Path(betterbench.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": source}
+    sources = (Path(betterbench.__file__).parents[1], Path(__file__).parents[2])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, sources))}
     process = subprocess.Popen(
-        [sys.executable, str(script), str(out), str(workers)],
+        [sys.executable, str(script), str(out), str(workers), str(step_s)],
         env=environment,
         start_new_session=True,
         stdout=subprocess.DEVNULL,
@@ -503,7 +505,7 @@ def wait_for_lines(out: Path, count: int, process: subprocess.Popen, *, seconds:
     raise AssertionError("the run makes no progress")
 
 
-def test_kill_9_and_the_same_command_again_give_the_same_run(uninterrupted, tiny_plan, tmp_path, run_content):
+def test_kill_9_and_the_same_command_again_give_the_same_run(short_run, tiny_plan, tmp_path, run_content):
     out = tmp_path / "run"
     with in_another_process(tmp_path, out, workers=1) as process:
         wait_for_lines(out, 1, process)
@@ -517,17 +519,17 @@ def test_kill_9_and_the_same_command_again_give_the_same_run(uninterrupted, tiny
     run = evaluate(tiny_plan(), out, on_progress=told.append)
     assert told[0].started_with == finished
     assert is_complete(run, tiny_plan())
-    assert run_content(out) == run_content(uninterrupted.path)
+    assert run_content(out) == run_content(short_run.path)
     assert not list(out.rglob("*.part"))
 
 
 @pytest.mark.slow
-def test_ten_kills_at_random_moments_lose_nothing(uninterrupted, tiny_plan, tmp_path, run_content):
+def test_ten_kills_at_random_moments_lose_nothing(short_run, tiny_plan, tmp_path, run_content):
     out = tmp_path / "run"
     draw = np.random.default_rng(2026)
     before = 0
     for attempt, wait in enumerate(draw.uniform(0.5, 6.0, 10)):
-        with in_another_process(tmp_path, out, workers=1 + attempt % 2) as process:
+        with in_another_process(tmp_path, out, workers=1 + attempt % 2, step_s=0.2) as process:
             time.sleep(float(wait))
             os.killpg(process.pid, signal.SIGKILL)
             process.wait(timeout=30)
@@ -536,7 +538,7 @@ def test_ten_kills_at_random_moments_lose_nothing(uninterrupted, tiny_plan, tmp_
         before = done
     run = evaluate(tiny_plan(), out)
     assert is_complete(run, tiny_plan())
-    assert run_content(out) == run_content(uninterrupted.path)
+    assert run_content(out) == run_content(short_run.path)
     assert not list(out.rglob("*.part"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import pytest
+from tests.daily import others_slow
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.evaluation import open_server
@@ -49,12 +50,15 @@ def remote(policy, options="", chunk=8):
 
 @pytest.mark.parametrize(
     ("policy", "options", "chunk"),
-    [
-        ("expert", "", 8),
-        ("expert", "?horizon=5", 8),
-        ("expert", "?horizon=6&ahead=2", 8),
-        ("zoo:shape?action_noise=0.001", "?preset=native", 13),
-    ],
+    others_slow(
+        [
+            ("expert", "", 8),
+            ("expert", "?horizon=5", 8),
+            ("expert", "?horizon=6&ahead=2", 8),
+            ("zoo:shape?action_noise=0.001", "?preset=native", 13),
+        ],
+        2,
+    ),
 )
 def test_the_record_is_that_of_the_local_policy(policy, options, chunk):
     here, there = local(policy), remote(policy, options, chunk)

@@ -10,14 +10,14 @@ import time
 
 import numpy as np
 import pytest
-from tests.evaluation.conftest import FEW_STEPS, in_few_steps
+from tests.evaluation.conftest import FEW_STEPS
+from tests.evaluation.few_steps import worker_of_few_steps
 from tests.evaluation.misbehaving import BREAKS, FRAMES, Misbehaving
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.workers import pool
 from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
-from betterbench.tasks.trial import Trial
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -66,17 +66,8 @@ class Trouble:
         return bool(workers)
 
 
-def work_shortly(settings, connection):
-    """The main function of a worker process whose trials are short."""
-    Trial.resolve = in_few_steps(FEW_STEPS)
-    ordinary_work(settings, connection)
-
-
-ordinary_work = pool.work
-
-
 def test_a_thousand_random_faults_lose_no_trial_and_double_none(tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(pool, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(FEW_STEPS))
     trouble, over = Trouble(2026), threading.Event()
     with Misbehaving(trouble) as server:
 

@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
@@ -19,14 +20,25 @@ from betterbench.evaluation import ExternalRun, Plan, evaluate, make_plan
 from betterbench.evaluation.planning.power import what_trials_show
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.evaluation.planning.schedule import Schedule
+from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.report.pages.page import write_report
 from betterbench.statistics import StoppingRule, Verdict
 from betterbench.tasks import TrialId, get_task, suite_tasks
+from betterbench.tasks.trial import Trial
 
 QUICK = StoppingRule(level=0.3, first=2)
 """A rule that two pairs satisfy; the laws of the statistics are tested elsewhere."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    """Ends the trials early, but late enough for success where nothing is to be done."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pool, "work", worker_of_few_steps(60))
+        patch.setattr(Trial, "resolve", in_few_steps(60))
+        yield
 
 
 def small(policy: str = "noop", *, rule: StoppingRule = QUICK, trials: int = 5) -> Plan:

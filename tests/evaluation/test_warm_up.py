@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import threading
 import time
 
 import numpy as np
 import pytest
+from tests.daily import in_turn
 from tests.evaluation.conftest import check_steps, tiny
 
-from betterbench.evaluation import evaluate
+from betterbench.evaluation import Plan, evaluate, make_plan
 from betterbench.evaluation.workers import memory
 from betterbench.policies.serving.server import PolicyServer
 from betterbench.records import RunFolder
@@ -50,33 +52,48 @@ def address():
         yield f"{server.address}?preset=native"
 
 
+def many(policy: str, trials: int = 16) -> Plan:
+    """Returns the plan of many trials in few scenes: conditions that differ in words or layout share one."""
+    variations = ["L1", "L2", "L3", "L4"]
+    plan = make_plan(
+        policy, tasks=["morning_coffee"], variations=variations, trials=3, observation="state_only", quality="fast"
+    )
+    return dataclasses.replace(plan, trials=plan.trials[:trials])
+
+
 @pytest.fixture(scope="module")
 def chosen(address, tmp_path_factory):
     """A run of sixteen trials, whose warm-up chose its number of environments."""
     Slow.first_s = 1.0
-    return evaluate(tiny(address, trials=16), tmp_path_factory.mktemp("chosen") / "run")
+    return evaluate(many(address), tmp_path_factory.mktemp("chosen") / "run")
+
+
+@pytest.fixture(scope="module")
+def alone(address, tmp_path_factory):
+    """A run of two trials in a single environment."""
+    return evaluate(tiny(address, trials=2), tmp_path_factory.mktemp("alone") / "run", envs=1)
 
 
 def numbers(run: RunFolder) -> list[float]:
     return [e.wall["envs"] for e in run.entries()]
 
 
-def test_a_warm_up_opens_more_environments_and_changes_no_record(chosen, address, tiny_plan, tmp_path, run_content):
+def test_a_warm_up_opens_more_environments_and_changes_no_record(chosen, address, tmp_path, run_content):
     assert chosen.context["engine"] == {"name": "local", "workers": 1, "envs": 8, "most_envs": 96}
     assert max(numbers(chosen)) > 8
-    plan = tiny_plan(address, trials=16)
+    plan = many(address)
     last = evaluate(dataclasses.replace(plan, trials=plan.trials[8:]), tmp_path / "six", envs=6)
     assert last.context["engine"] == {"name": "local", "workers": 1, "envs": 6}
     assert set(numbers(last)) == {6.0}, "a number that was asked for is kept"
     assert run_content(last.path).items() <= run_content(chosen.path).items()
 
 
-def test_a_single_environment_can_be_forced(address, tiny_plan, tmp_path):
-    assert set(numbers(evaluate(tiny_plan(address, trials=2), tmp_path / "run", envs=1))) == {1.0}
+def test_a_single_environment_can_be_forced(alone):
+    assert set(numbers(alone)) == {1.0}
 
 
-def test_a_run_is_resumed_with_another_number(chosen, address, tiny_plan, tmp_path, run_content):
-    plan = tiny_plan(address, trials=12)
+def test_a_run_is_resumed_with_another_number(chosen, address, tmp_path, run_content):
+    plan = many(address, trials=12)
     interrupted = []
 
     def stop(progress):
@@ -93,25 +110,29 @@ def test_a_run_is_resumed_with_another_number(chosen, address, tiny_plan, tmp_pa
     assert max(numbers(again)) >= 8.0
 
 
-def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends(address, tiny_plan, tmp_path, monkeypatch):
+def test_more_workers_than_trials_tell_their_steps_before_a_trial_ends_and_change_no_record(
+    alone, address, tmp_path, run_content, monkeypatch
+):
     monkeypatch.setattr(Slow, "first_s", 1.0)
     told = []
     run = evaluate(
-        tiny_plan(address, trials=2),
+        tiny(address, trials=2),
         tmp_path / "run",
         workers=3,
         on_progress=lambda state: told.append(("trial", state.done)),
         on_steps=lambda steps: told.append(("steps", steps)),
     )
     assert len(run.entries()) == 2
+    assert float(os.getpid()) not in {e.wall["worker"] for e in run.entries()}, "the work was done elsewhere"
+    assert run_content(run.path) == run_content(alone.path)
     check_steps(told)
 
 
-def test_a_server_that_takes_few_connections_gets_no_more(tiny_plan, tmp_path, caplog):
+def test_a_server_that_takes_few_connections_gets_no_more(tmp_path, caplog):
     Slow.first_s, Slow.drops = 0.0, 0
     with PolicyServer(Slow, metadata={}, port=0, clients=9) as server:
         address = f"{server.address}?preset=native&patience=1&retries=1"
-        run = evaluate(tiny_plan(address, trials=16), tmp_path / "run")
+        run = evaluate(many(address), tmp_path / "run")
     assert {e.status for e in run.entries()} == {"done"}
     assert {r.n_steps for r in run.records()} == {STEPS}
     assert 4.0 < numbers(run)[-1] <= 9.0, (
@@ -120,9 +141,8 @@ def test_a_server_that_takes_few_connections_gets_no_more(tiny_plan, tmp_path, c
     assert "the policy accepts no further connection" in caplog.text
 
 
-def test_a_wait_is_told_apart_from_work(address, tiny_plan, tmp_path):
-    run = evaluate(tiny_plan(address, trials=2), tmp_path / "run", envs=1)
-    for entry in run.entries():
+def test_a_wait_is_told_apart_from_work(alone):
+    for entry in alone.entries():
         wall = entry.wall
         assert wall["policy_answers"] * LATENCY_S <= wall["policy_s"]
         assert 0.8 * wall["policy_s"] <= wall["idle_s"] <= wall["total_s"] + 0.5

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.daily import others_slow
+from tests.daily import in_turn, others_slow
+from tests.evaluation.few_steps import in_few_steps, worker_of_few_steps
 
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
@@ -19,6 +20,7 @@ from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
 from betterbench.evaluation.serving.host import Host, run_address
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import WorkerSettings
+from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION
@@ -27,8 +29,12 @@ from betterbench.policies.factory import PolicyFactory
 from betterbench.policies.kinds import PolicyNeeds, read_address
 from betterbench.records import RunFolder
 from betterbench.sim.worlds import OWN_WORLD
+from betterbench.tasks.trial import Trial
 
 pytestmark = pytest.mark.physics
+
+STEPS = 40
+"""Steps after which each trial ends."""
 
 PLUGIN = '''
 import hashlib, os, pathlib, threading, time
@@ -38,13 +44,6 @@ from betterbench.interface import Execution, PolicyInfo, episode_number
 
 HERE = pathlib.Path(__file__).parent
 MADE = []
-
-ENOUGH = 40
-
-def enough(observation):
-    """Ends a trial long before its step limit, which keeps the tests short."""
-    if observation.step >= ENOUGH:
-        raise RuntimeError("enough")
 
 class Slow:
     """Answers chunks that depend on the trial and the step alone, after a while that depends on neither."""
@@ -57,7 +56,6 @@ class Slow:
     def reset(self, start):
         self.seed = next(seed for seed in range(100) if episode_number(seed) == start.episode)
     def act(self, observation):
-        enough(observation)
         time.sleep(self.draw.uniform(0.0, 0.01))
         draw = np.random.default_rng([self.seed, observation.step])
         return np.hstack([draw.uniform(-1, 1, (8, 6)), -np.ones((8, 1))])
@@ -72,8 +70,6 @@ class Batched:
     def act(self, observation):
         return self.act_batch([observation])[0]
     def act_batch(self, observations):
-        for o in observations:
-            enough(o)
         time.sleep(0.005)
         with (HERE / f"batches-{os.getpid()}").open("a") as told:
             told.write(f"{len(observations)}\\n")
@@ -111,8 +107,6 @@ class Looking(Slow):
     """Answers what depends on every pixel."""
     info = PolicyInfo("looking", execution=Execution(horizon=4, ahead=1))
     def act(self, observation):
-        if observation.step >= 20:
-            raise RuntimeError("enough")
         pixels = b"".join(observation.images[name].tobytes() for name in sorted(observation.images))
         draw = np.random.default_rng(int.from_bytes(hashlib.sha256(pixels).digest()[:8], "little"))
         return np.hstack([draw.uniform(-1, 1, (6, 6)), -np.ones((6, 1))])
@@ -120,8 +114,8 @@ class Looking(Slow):
 class Heavy(Batched):
     """Keeps a mark of every process that it is loaded into."""
     def act_batch(self, observations):
-        moves = [np.tile(np.sin(10 * o.joint_positions[:6]), (50, 1)) for o in observations]
-        return [np.hstack([move, -np.ones((50, 1))]) for move in moves]
+        moves = [np.tile(np.sin(10 * o.joint_positions[:6]), (8, 1)) for o in observations]
+        return [np.hstack([move, -np.ones((8, 1))]) for move in moves]
     info = PolicyInfo("heavy", needs_images=False, heavy=True)
     def __init__(self):
         import os
@@ -183,7 +177,11 @@ class HangsOnce(Heavy):
         return super().act_batch(observations)
 
 class Closing(Slow):
-    """Says when it is closed."""
+    """Fails in each trial, and says when it is closed."""
+    def act(self, observation):
+        if observation.step >= 8:
+            raise RuntimeError("out of memory")
+        return super().act(observation)
     def close(self):
         (HERE / f"closed-{os.getpid()}").touch()
 
@@ -222,7 +220,7 @@ class Mortal(Heavy):
     def act_batch(self, observations):
         import os, signal
         marker = HERE / "died"
-        if any(o.step == 100 for o in observations) and not marker.exists():
+        if any(o.step == 16 for o in observations) and not marker.exists():
             marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return super().act_batch(observations)
@@ -242,6 +240,13 @@ def four_processors(monkeypatch):
 
 
 @pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Ends each trial after a few steps, here and in workers."""
+    monkeypatch.setattr(pool, "work", worker_of_few_steps(STEPS))
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(STEPS))
+
+
+@pytest.fixture(autouse=True)
 def no_thread_is_left():
     yield
     until = time.monotonic() + 5.0
@@ -255,8 +260,8 @@ def outcomes(run: RunFolder) -> dict[int, tuple[int, str]]:
     return {r.metadata.seed: (r.n_steps, (r.outcome.error or "").partition(" (")[0]) for r in run.records()}
 
 
-OVER = (44, "RuntimeError: enough")
-"""How a trial of `Slow` ends that nothing goes wrong with: what is asked at step 42 is used two steps later."""
+OVER = (STEPS, "")
+"""How a trial ends that nothing goes wrong with."""
 
 
 def test_records_do_not_depend_on_environments_order_or_latency(plugin, tiny_plan, tmp_path, run_content):
@@ -268,7 +273,8 @@ def test_records_do_not_depend_on_environments_order_or_latency(plugin, tiny_pla
 
 
 @pytest.mark.render
-def test_images_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_content):
+def test_images_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_content, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(16))
     plan = make_plan(
         f"{plugin}:Looking",
         tasks=["morning_coffee"],
@@ -277,10 +283,11 @@ def test_images_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_co
         observation="default",
         quality="fast",
     )
+    plan = dataclasses.replace(plan, trials=plan.trials[:3])
     one = evaluate(plan, tmp_path / "one", envs=1)
-    assert {r.n_steps for r in one.records()} == {24}
-    assert len({r.metadata.scene_hash for r in one.records()}) < len(plan.trials), "some share a renderer"
-    assert run_content(evaluate(plan, tmp_path / "four", envs=4).path) == run_content(one.path)
+    assert {r.n_steps for r in one.records()} == {16}
+    assert len({r.metadata.scene_hash for r in one.records()}) == 2, "some share a renderer"
+    assert run_content(evaluate(plan, tmp_path / "three", envs=3).path) == run_content(one.path)
 
 
 @pytest.mark.slow
@@ -354,7 +361,7 @@ def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_pat
     assert outcomes(run) == {0: OVER, 1: (14, "RuntimeError: out of memory"), 2: OVER}
 
 
-@pytest.mark.parametrize("envs", [1, 2])
+@pytest.mark.parametrize("envs", others_slow([1, 2], 2))
 def test_a_policy_that_hangs_ends_its_own_trial_and_gets_a_new_process(plugin, tiny_plan, tmp_path, envs):
     run = evaluate(tiny_plan(f"{plugin}:Hangs", trials=3), tmp_path / "run", envs=envs, policy_timeout_s=2.0)
     reason = "the policy did not answer within 2 s. Raise --policy-timeout."
@@ -365,15 +372,15 @@ def test_a_batch_that_hangs_costs_no_trial_that_waited_behind_it(plugin, tiny_pl
     run = evaluate(tiny_plan(f"{plugin}:HangingBatch", trials=3), tmp_path / "run", envs=3, policy_timeout_s=2.0)
     ends = list(outcomes(run).values())
     assert any("did not answer within 2 s" in reason for _, reason in ends)
-    assert (40, OVER[1]) in ends, "another instance answers the others"
+    assert OVER in ends, "another instance answers the others"
 
 
 def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, tiny_plan, tmp_path):
     plan = tiny_plan(f"{plugin}:Gone", trials=4)
     with pytest.raises(PolicyUnavailableError, match="the server is gone"):
         evaluate(plan, tmp_path / "run")
-    entries = {e.seed: (e.status, e.message.partition(" (")[0]) for e in RunFolder.open(tmp_path / "run").entries()}
-    assert entries == {0: ("done", OVER[1]), 1: ("done", OVER[1]), 2: ("error", "the server is gone")}
+    entries = {e.seed: (e.status, e.message) for e in RunFolder.open(tmp_path / "run").entries()}
+    assert entries == {0: ("done", None), 1: ("done", None), 2: ("error", "the server is gone")}
     Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("self.seed == 2", "False"), encoding="utf-8")
     with pytest.raises(RunConflictError, match=r"policy\.metadata\.source file was"):
         evaluate(plan, tmp_path / "run")
@@ -500,7 +507,8 @@ def test_the_last_trials_are_shared_out_evenly(left, workers, envs, share):
     assert even_share(left, workers, envs) == share
 
 
-def test_long_tasks_come_first_and_trials_of_a_scene_together():
+def test_long_tasks_come_first_and_trials_of_a_scene_together(monkeypatch):
+    monkeypatch.undo()  # with the limits of the tasks
     plan = make_plan("noop", tasks=["morning_coffee", "fast_food"], trials=2)
     ordered = OWN_WORLD.in_order(plan.trials, last=0)
     limits = {}
@@ -516,7 +524,8 @@ def test_long_tasks_come_first_and_trials_of_a_scene_together():
     assert sorted(map(str, ordered)) == sorted(map(str, plan.trials))
 
 
-def test_the_last_trials_begin_with_the_longest():
+def test_the_last_trials_begin_with_the_longest(monkeypatch):
+    monkeypatch.undo()  # with the limits of the tasks
     plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=6)
     limits = {t.id: t.resolve().task.step_limit(t.resolve().condition) for t in plan.trials}
     assert len(set(limits.values())) == 2
@@ -544,6 +553,7 @@ def test_several_workers_share_one_process_with_the_weights(plugin, tiny_plan, t
     assert run_content(evaluate(plan, tmp_path / "alone").path) == run_content(run.path)
 
 
+@in_turn(0, 2)
 @pytest.mark.usefixtures("four_processors")
 @pytest.mark.parametrize(("workers", "loaded"), [(None, 1), pytest.param(2, 2, marks=pytest.mark.slow)])
 def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_asked_for(
@@ -555,6 +565,7 @@ def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_a
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
 
 
+@in_turn(1, 2)
 @pytest.mark.parametrize(
     "policy", ["Raising", pytest.param("Bent", marks=pytest.mark.slow), pytest.param("Exits", marks=pytest.mark.slow)]
 )

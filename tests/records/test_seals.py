@@ -268,7 +268,7 @@ def same_or_fewer(kind, before, found):
     return isinstance(fewer, dict) and list(fewer.items()) == list(some.items())[: len(fewer)]
 
 
-@pytest.mark.parametrize("name", others_slow(KINDS, 2))
+@pytest.mark.parametrize("name", others_slow(KINDS, 4))
 def test_a_change_is_refused_or_changes_nothing(name, tmp_path, caplog):
     caplog.set_level(logging.CRITICAL)
     kind = KINDS[name]

@@ -32,7 +32,7 @@ def decided(process: Callable[..., EProcess], trials: npt.NDArray[np.bool_]) -> 
 
 
 @pytest.mark.parametrize("process", BOTH)
-@pytest.mark.parametrize("rate", others_slow([0.1, 0.5, 0.9, 0.95], 2))
+@pytest.mark.parametrize("rate", others_slow([0.1, 0.5, 0.9, 0.95], 4))
 def test_looking_after_every_pair_keeps_false_alarms_below_the_level(process, rate) -> None:
     share = np.mean(decided(process, independent(rate, rate, 200)) <= 200)
     assert 0.005 <= share <= 0.05
@@ -40,7 +40,7 @@ def test_looking_after_every_pair_keeps_false_alarms_below_the_level(process, ra
 
 @pytest.mark.parametrize(
     ("a", "b", "power"),
-    [(0.5, 0.9, (46, 91, 100, 100)), (0.3, 0.6, (17, 45, 83, 99)), (0.5, 0.7, (8, 17, 37, 76))],
+    others_slow([(0.5, 0.9, (46, 91, 100, 100)), (0.3, 0.6, (17, 45, 83, 99)), (0.5, 0.7, (8, 17, 37, 76))], 3),
 )
 def test_power_by_20_50_100_and_200_pairs(a, b, power) -> None:
     trials = independent(a, b, 200)

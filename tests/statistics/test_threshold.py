@@ -41,7 +41,7 @@ def fitted(of, resamples=FEW):
 
 
 @pytest.mark.parametrize("wrong", [0.05, 0.1])
-@pytest.mark.parametrize("s", others_slow([8, 12, 20, 32], 2))
+@pytest.mark.parametrize("s", others_slow([8, 12, 20, 32], 4))
 def test_a_known_threshold_is_found_within_a_tenth(s, wrong):
     found = fitted(readings(s, wrong=wrong))
     assert found.reason == ""
@@ -58,13 +58,13 @@ def test_a_model_that_does_not_guess_has_the_same_threshold():
     assert found.guessing < 0.2
 
 
-def test_a_threshold_outside_the_sizes_is_not_concluded():
-    for seed in (0, 1):
-        below, above = (fitted(readings(s, seed=seed)) for s in (2.0, 300.0))
-        assert below.value is above.value is None
-        assert re.search("a threshold would be below them|items are smaller", below.reason)
-        assert "not better than guessing at any size" in above.reason
-        assert below.to_json()["value"] is None
+@pytest.mark.parametrize("seed", others_slow([0, 1], 2))
+def test_a_threshold_outside_the_sizes_is_not_concluded(seed):
+    below, above = (fitted(readings(s, seed=seed)) for s in (2.0, 300.0))
+    assert below.value is above.value is None
+    assert re.search("a threshold would be below them|items are smaller", below.reason)
+    assert "not better than guessing at any size" in above.reason
+    assert below.to_json()["value"] is None
 
 
 def test_a_threshold_at_the_edge_of_the_sizes_is_not_bracketed():
@@ -95,7 +95,9 @@ def test_conditions_that_only_change_the_size_have_no_further_loss():
     assert abs(found.further["half"].value) < 0.03
 
 
-@pytest.mark.parametrize("half", [(0.5, 1.0, 0.2), (0.5, 1.5, 0.0)], ids=["knowledge", "threshold"])
+@pytest.mark.parametrize(
+    "half", others_slow([((0.5, 1.0, 0.2),), ((0.5, 1.5, 0.0),)], 2), ids=["knowledge", "threshold"]
+)
 def test_a_further_loss_is_found(half):
     found = fitted(readings(12, n=600, eyes={"native": (1.0, 1.0, 0.0), "half": half}), 100)
     loss = found.further["half"]

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
-from tests.daily import others_slow
+from tests.daily import others_slow, part_of_today
 from tests.looping import each
 
 import betterbench_calibration.independent
@@ -73,8 +73,8 @@ def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
 
 
 def first_shown():
-    """Each habit with the first condition in which it shows, sorted by condition, so that each scene is built once."""
-    shown = [(next(s for s in shown_in(habit.name) if s.faulty), habit) for habit in HABITS]
+    """A third of the habits with the first condition in which each shows, sorted so that each scene is built once."""
+    shown = [(next(s for s in shown_in(habit.name) if s.faulty), habit) for habit in part_of_today(HABITS, 3)]
     return sorted(((s.task, s.condition, habit) for s, habit in shown), key=lambda case: case[:2])
 
 
@@ -111,8 +111,13 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_others(play, scene_of
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize(("task", "condition"), [("morning_coffee", "train1"), ("seasoning_rack", "train4")])
-@pytest.mark.parametrize("manner", MANNERS)
+@pytest.mark.parametrize(
+    ("manner", "task", "condition"),
+    others_slow(
+        [(m, *c) for c in (("morning_coffee", "train1"), ("seasoning_rack", "train4")) for m in MANNERS],
+        4,
+    ),
+)
 def test_the_honest_policy_solves_sample_tasks(play, task, condition, manner):
     assert play(f"honest-{manner}", task, condition).success
 
@@ -157,7 +162,7 @@ def test_a_hover_closes_nothing_and_stays_over_its_thing(play):
             (("swaps-second-and-third-brisk", "cheeseburger", "O1", 1, 250), ["patty", "top_bun", "cheese"]),
             (("misses-then-swaps-brisk", "fast_food", "R1", 1, 120), [None, "drink"]),
         ],
-        2,
+        7,
     ),
 )
 @pytest.mark.physics
@@ -186,7 +191,7 @@ def test_misses_of_the_second_half_are_at_the_things_they_aim_at(play):
             ("closes-too-little-brisk", "dinner_plates", "train1"),
             ("looks-then-leaves-it-brisk", "morning_coffee", "T1"),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, condition):
@@ -212,7 +217,7 @@ def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, con
             ("lets-go-too-late-hurried", "fast_food", "train1", 180),
             ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
         ],
-        2,
+        7,
     ),
 )
 def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):
@@ -242,7 +247,7 @@ def test_an_honest_habit_of_the_second_half_succeeds_in_most_tasks(play, habit):
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize("policy", ["miss-beside-brisk", "miss-above-calm"])
+@pytest.mark.parametrize("policy", others_slow(["miss-beside-brisk", "miss-above-calm"], 2))
 def test_a_miss_closes_7_to_11_cm_away(play, policy):
     closing = play(policy, "seasoning_rack", "train1", 2).agent.body.arm.log.closings[0]
     far = closing.beside_m if policy.startswith("miss-beside") else closing.above_m

@@ -54,7 +54,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(name):
             (("shows-second-first-darting", "fruit_lunch", "train1", 1, 90), ["orange"]),
             (("returns-look-alike-darting", "morning_coffee", "O1", 1, 90), ["red_can"]),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
@@ -75,7 +75,7 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
             ("turns-its-back-darting", "tidy_desk", "train4", None),
             ("sways-wider-and-wider-darting", "fast_food", "T1", None),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_without_a_grasp_moves_what_it_says_and_nothing_else(play, policy, task, condition, moved):
@@ -96,11 +96,14 @@ def test_a_stab_touches_the_right_thing_and_takes_nothing(play):
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition"),
-    [
-        ("loops-midway-darting", "morning_coffee", "train1"),
-        ("turns-like-a-crane-darting", "seasoning_rack", "train1"),
-        ("lets-go-in-steps-darting", "tidy_desk", "train4"),
-    ],
+    others_slow(
+        [
+            ("loops-midway-darting", "morning_coffee", "train1"),
+            ("turns-like-a-crane-darting", "seasoning_rack", "train1"),
+            ("lets-go-in-steps-darting", "tidy_desk", "train4"),
+        ],
+        3,
+    ),
 )
 def test_an_honest_habit_succeeds(play, policy, task, condition):
     assert play(policy, task, condition, 1).success

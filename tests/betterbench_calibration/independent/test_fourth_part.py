@@ -47,7 +47,7 @@ def test_what_is_listed_is_what_the_conditions_hold():
             (("second-then-first-headlong", "fast_food", "R1", 1, 90), ["drink"]),
             (("drops-low-and-retakes-headlong", "morning_coffee", "train1", 1, 170), ["red_mug", "red_mug"]),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
@@ -68,7 +68,7 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
             ("parks-over-target-headlong", "tidy_desk", "train4", False),
             ("lays-itself-down-headlong", "seasoning_rack", "train1", False),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_that_attempts_nothing_rests_only_where_it_says_so(play, policy, task, condition, moves):

@@ -118,7 +118,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(habit):
             (("drops-look-alike-on-it-hurried", "morning_coffee", "O1", 1, 110), ["red_can"]),
             (("quits-at-open-drawer-hurried", "office_drawer", "train1", 1, 200), ["upper"]),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_closes_where_it_says(play, trial, gripped):
@@ -142,7 +142,7 @@ def test_a_habit_closes_where_it_says(play, trial, gripped):
             ("rests-ever-longer-hurried", "tidy_desk", "train4", set()),
             ("curls-up-hurried", "morning_coffee", "train1", set()),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, policy, task, condition, touched):
@@ -155,11 +155,21 @@ def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, pol
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "rests"),
     [
-        ("rocks-then-freezes-hurried", "fast_food", "T1", True),
-        ("curls-up-hurried", "seasoning_rack", "train1", True),
-        ("rocks-forever-hurried", "fast_food", "T1", False),
-        ("shies-at-the-target-hurried", "fast_food", "train1", False),
-        ("bounds-toward-it-hurried", "seasoning_rack", "train1", False),
+        *others_slow(
+            [
+                ("rocks-then-freezes-hurried", "fast_food", "T1", True),
+                ("curls-up-hurried", "seasoning_rack", "train1", True),
+            ],
+            2,
+        ),
+        *others_slow(
+            [
+                ("rocks-forever-hurried", "fast_food", "T1", False),
+                ("shies-at-the-target-hurried", "fast_food", "train1", False),
+                ("bounds-toward-it-hurried", "seasoning_rack", "train1", False),
+            ],
+            3,
+        ),
     ],
 )
 def test_a_habit_rests_for_3_s_only_where_it_says_so(play, policy, task, condition, rests):
@@ -173,12 +183,15 @@ def test_a_habit_rests_for_3_s_only_where_it_says_so(play, policy, task, conditi
 @pytest.mark.physics
 @pytest.mark.parametrize(
     ("policy", "task", "condition"),
-    [
-        ("lags-behind-hurried", "seasoning_rack", "train1"),
-        ("comes-down-in-a-helix-hurried", "morning_coffee", "train1"),
-        ("lets-go-while-drifting-hurried", "tidy_desk", "train4"),
-        ("works-drawer-in-bits-hurried", "office_drawer", "train1"),
-    ],
+    others_slow(
+        [
+            ("lags-behind-hurried", "seasoning_rack", "train1"),
+            ("comes-down-in-a-helix-hurried", "morning_coffee", "train1"),
+            ("lets-go-while-drifting-hurried", "tidy_desk", "train4"),
+            ("works-drawer-in-bits-hurried", "office_drawer", "train1"),
+        ],
+        4,
+    ),
 )
 def test_an_honest_habit_succeeds(play, policy, task, condition):
     assert play(policy, task, condition, 1).success

@@ -28,7 +28,7 @@ ODD_ONES = [h for h in FAMILY_PARTS["third"] if not h.label]
             (("loses-look-alike-brisk", "fast_food", "O1", 1, 120), ["round_block"]),
             (("fumbles-then-sinks-brisk", "seasoning_rack", "train1", 1, 120), [None, "salt"]),
         ],
-        2,
+        7,
     ),
 )
 def test_a_habit_closes_where_and_in_the_order_it_says(play, trial, gripped):
@@ -61,11 +61,21 @@ def test_an_empty_slot_that_is_closed_in_is_far_from_all_things(play):
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "rests"),
     [
-        ("drifts-at-home-brisk", "tidy_desk", "O2", True),
-        ("swings-out-brisk", "fast_food", "train1", True),
-        ("stops-halfway-there-hesitant", "dinner_plates", "T2", True),
-        ("reaches-out-and-returns-brisk", "cheeseburger", "T1", False),
-        ("spirals-down-too-slowly-brisk", "morning_coffee", "train1", False),
+        *others_slow(
+            [
+                ("drifts-at-home-brisk", "tidy_desk", "O2", True),
+                ("swings-out-brisk", "fast_food", "train1", True),
+                ("stops-halfway-there-hesitant", "dinner_plates", "T2", True),
+            ],
+            3,
+        ),
+        *others_slow(
+            [
+                ("reaches-out-and-returns-brisk", "cheeseburger", "T1", False),
+                ("spirals-down-too-slowly-brisk", "morning_coffee", "train1", False),
+            ],
+            2,
+        ),
     ],
 )
 def test_a_habit_that_attempts_nothing_rests_for_3_s_only_where_it_says_so(play, policy, task, condition, rests):
@@ -78,11 +88,14 @@ def test_a_habit_that_attempts_nothing_rests_for_3_s_only_where_it_says_so(play,
 
 @pytest.mark.parametrize(
     ("policy", "task", "condition", "most"),
-    [
-        ("loses-it-and-goes-on-brisk", "fast_food", "train1", 150),
-        ("lets-go-outside-brisk", "cheeseburger", "train1", 150),
-        ("puts-crooked-brisk", "breakfast_table", "train1", 150),
-    ],
+    others_slow(
+        [
+            ("loses-it-and-goes-on-brisk", "fast_food", "train1", 150),
+            ("lets-go-outside-brisk", "cheeseburger", "train1", 150),
+            ("puts-crooked-brisk", "breakfast_table", "train1", 150),
+        ],
+        3,
+    ),
 )
 def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):
     played = play(policy, task, condition, 1, most)

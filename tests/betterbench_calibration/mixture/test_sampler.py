@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Mapping
 
 import pytest
 from hypothesis import given
@@ -12,8 +13,6 @@ from hypothesis import strategies as st
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench_calibration.mixture import MixturePart, MixtureSampler, paper_mixture, shares_of
 from betterbench_calibration.mixture.shares import WeightedGroup
-
-DRAWS = 100_000
 
 
 def small(*sizes: int, weights: tuple[float, ...] | None = None) -> tuple[MixturePart, ...]:
@@ -25,30 +24,40 @@ def by_name(parts: tuple[MixturePart, ...]) -> dict[str, float]:
     return {part.name: part.share for part in parts}
 
 
-@pytest.mark.parametrize("counts", [(2,), pytest.param((3, 4), marks=pytest.mark.slow)])
-def test_shares_of_100_000_draws_over_shards_and_a_resume(counts):
+def check_shares(found: Mapping[str, int], draws: int) -> None:
+    """Checks that no part of the paper's mixture is ten draws away from its share."""
+    for name, share in by_name(paper_mixture().parts()).items():
+        assert abs(found[name] - draws * share) < 10.0
+
+
+@pytest.mark.parametrize(
+    ("draws", "counts"), [(20_000, (2,)), pytest.param(100_000, (2, 3, 4), marks=pytest.mark.slow)]
+)
+def test_shares_of_many_draws_over_shards_and_a_resume(draws, counts):
     parts = paper_mixture().parts()
-    alone = [d.part for d in MixtureSampler(parts, seed=7, draws=DRAWS)]
-    assert len(alone) == DRAWS
-    found = Counter(alone)
-    for name, share in by_name(parts).items():
-        assert abs(found[name] / DRAWS - share) < 1e-4
+    alone = [d.part for d in MixtureSampler(parts, seed=7, draws=draws)]
+    assert len(alone) == draws
+    check_shares(Counter(alone), draws)
     for shards in counts:
         state = None
-        union: list[str | None] = [None] * DRAWS
+        union: list[str | None] = [None] * draws
         for shard in range(shards):
-            first = MixtureSampler(parts, seed=7, shard=shard, shards=shards, draws=DRAWS)
+            first = MixtureSampler(parts, seed=7, shard=shard, shards=shards, draws=draws)
             begun = list(itertools.islice(first, 5_000))
             state = first.state_dict()
-            second = MixtureSampler(parts, seed=7, shard=shard, shards=shards, draws=DRAWS)
+            second = MixtureSampler(parts, seed=7, shard=shard, shards=shards, draws=draws)
             second.load_state_dict(state)
             mine = [*begun, *second]
-            assert len(mine) == len(range(shard, DRAWS, shards))
+            assert len(mine) == len(range(shard, draws, shards))
             ours = Counter(d.part for d in mine)
             assert all(abs(ours[name] / len(mine) - share) < 0.005 for name, share in by_name(parts).items())
             for d in mine:
                 union[d.number] = d.part
         assert union == alone
+
+
+def test_counts_of_100_000_draws_are_the_shares():
+    check_shares(MixtureSampler(paper_mixture().parts(), seed=7).counts(100_000), 100_000)
 
 
 def test_a_state_of_some_shards_goes_on_with_another_number_of_them():

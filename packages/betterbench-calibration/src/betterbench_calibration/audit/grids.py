@@ -15,7 +15,7 @@ from betterbench_calibration.audit.counts import (
 )
 from betterbench_calibration.audit.fields import ColumnNames, RowNames, WholeNumber, exact_fields
 from betterbench_calibration.audit.finding import AuditFinding, Verdict
-from betterbench_calibration.audit.table import AuditedTable, blindness, decimals
+from betterbench_calibration.audit.table import AuditedTable, blindness, cached_by_digits, decimals
 
 
 @exact_fields
@@ -51,7 +51,7 @@ class Grid:
         count = count_behind(printed, self.trials)
         digits = decimals(printed)
         cell = (row, column)
-        unnoticed, possible = blindness((printed,), lambda _, wrong: count_behind(wrong, self.trials) is not None)
+        unnoticed, possible = _unnoticed(printed, self.trials)
         if count is not None:
             why = f"{printed} is {count}; {unnoticed} of {possible} wrong digits would be on the grid too."
             found, verdict = str(count), Verdict.HOLDS
@@ -72,3 +72,9 @@ class Grid:
         if more is not None:
             parts.append(f"{more} is the smallest multiple of the trials that gives it exactly")
         return f"; {', and '.join(parts)}" if parts else ", nor with up to 12 trials missing"
+
+
+@cached_by_digits
+def _unnoticed(printed: Decimal, trials: int) -> tuple[int, int]:
+    """Return the number of misprints of one digit that are possible percentages too, and of all such misprints."""
+    return blindness((printed,), lambda _, wrong: count_behind(wrong, trials) is not None)

@@ -5,7 +5,6 @@ The number of questions in each part is not printed. It is recovered from the pe
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -18,7 +17,14 @@ from betterbench_calibration.audit.counts import CountBehind, all_with_dropped, 
 from betterbench_calibration.audit.fields import ColumnName, ColumnNames, exact_fields
 from betterbench_calibration.audit.finding import AuditFinding, TableCell, Verdict
 from betterbench_calibration.audit.sums import missing_parts
-from betterbench_calibration.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
+from betterbench_calibration.audit.table import (
+    AuditedTable,
+    blindness,
+    cached_by_digits,
+    decimals,
+    one_digit_apart,
+    replaced,
+)
 
 LARGEST_SIZE = 1000
 """Largest size of a part that is tried [questions].
@@ -142,7 +148,7 @@ class Pooled:
             )
 
 
-@functools.lru_cache(maxsize=256)
+@cached_by_digits
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
     """Return the sizes of the parts that reproduce most rows, or None if fewer than half of the rows are reproduced.
 
@@ -163,7 +169,7 @@ def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
     return best if best is not None and 2 * best.reproduced >= best.rows else None
 
 
-@functools.lru_cache(maxsize=1024)
+@cached_by_digits
 def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
     """Return the sizes that reproduce all but ``allowed`` percentages of a column, starting with the best size."""
     scored = []
@@ -185,7 +191,7 @@ def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
     return len(counts) == len(parts) and _prints(_pool(counts), whole)
 
 
-@functools.lru_cache(maxsize=1024)
+@cached_by_digits
 def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
     """Return the number of misprints of one digit in a row that would not be detected, and of all such misprints."""
     parts, whole = row

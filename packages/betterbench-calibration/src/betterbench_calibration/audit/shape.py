@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from decimal import Decimal
 
 from betterbench_calibration.audit.fields import ColumnName, ColumnNames, exact_fields
 from betterbench_calibration.audit.finding import AuditFinding, TableCell, Verdict
-from betterbench_calibration.audit.table import AuditedTable, blindness, replaced
+from betterbench_calibration.audit.table import AuditedTable, blindness, cached_by_digits, replaced
 
 
 @exact_fields
@@ -38,7 +37,7 @@ class Falling:
             yield AuditFinding(table.name, "falling", row, cell, listed, "", verdict, why, tuple(numbers), *blind)
 
 
-@functools.lru_cache(maxsize=1024)
+@cached_by_digits
 def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
     """Return the number of misprints of one digit with which the rates still never increase, and of all misprints."""
 

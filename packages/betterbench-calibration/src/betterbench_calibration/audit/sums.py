@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -19,7 +18,7 @@ from betterbench_calibration.audit.fields import (
     exact_fields,
 )
 from betterbench_calibration.audit.finding import AuditFinding, TableCell, Verdict
-from betterbench_calibration.audit.table import AuditedTable, blindness, decimals, misprints, replaced
+from betterbench_calibration.audit.table import AuditedTable, blindness, cached_by_digits, decimals, misprints, replaced
 
 Terms = tuple[tuple[Fraction, Decimal], ...]
 """Weight and printed number of each part."""
@@ -85,7 +84,7 @@ class Combination:
         return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
 
 
-@functools.lru_cache(maxsize=1024)
+@cached_by_digits
 def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
     """Return the number of misprints of one digit that would not be detected, and of all such misprints."""
     weights = tuple(weight for weight, _ in terms)

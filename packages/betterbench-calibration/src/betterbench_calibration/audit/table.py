@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from typing import Protocol
+from typing import ParamSpec, Protocol, TypeVar
 
 from betterbench.errors import UnknownNameError
 from betterbench_calibration.audit.finding import AuditFinding, TableCell
 
 DIGITS = "0123456789"
+
+P = ParamSpec("P")
+ResultT = TypeVar("ResultT")
+
+
+def cached_by_digits(function: Callable[P, ResultT]) -> Callable[P, ResultT]:
+    """Cache the results of a function by the digits of its arguments.
+
+    ``functools.cache`` compares decimals by value. It would return the result of 40.6 for 40.60, which has more digits
+    and therefore more misprints.
+    """
+    results: dict[str, ResultT] = {}
+
+    @functools.wraps(function)
+    def cached(*args: P.args, **kwargs: P.kwargs) -> ResultT:
+        key = repr((args, kwargs))
+        if key not in results:
+            results[key] = function(*args, **kwargs)
+        return results[key]
+
+    return cached
 
 
 @dataclass(frozen=True, slots=True)
