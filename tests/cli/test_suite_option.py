@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
-from tests.cli.test_task_files import SERVER
+from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.cli.main import VERBS, main
 from betterbench.tasks.authoring.task_form import task_forms
@@ -37,30 +35,17 @@ def suite(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def better(tmp_path_factory):
+def better():
     """Run the command in a process of its own, because the tasks of a suite stay registered."""
-    folder = tmp_path_factory.mktemp("printed")
     inherited = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    server = subprocess.Popen(
-        [sys.executable, "-c", SERVER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**inherited, "COLUMNS": "1000", "OPENBLAS_NUM_THREADS": "1"},
-    )
 
     def run(*arguments):
-        number = len(list(folder.iterdir()))
-        out, err = folder / f"{number}.out", folder / f"{number}.err"
-        server.stdin.write(json.dumps([[*map(str, arguments)], {}, str(out), str(err)]) + "\n")
-        server.stdin.flush()
-        status = int(server.stdout.readline())
-        assert status == 0, err.read_text()
-        return out.read_text()
+        command = ("-m", "betterbench.cli", *map(str, arguments))
+        done = prepared(*COMMAND_LINE).run(*command, env={**inherited, "COLUMNS": "1000"})
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    with server:
-        yield run
-        server.stdin.close()
+    return run
 
 
 @pytest.fixture(scope="module")
