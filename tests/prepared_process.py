@@ -23,10 +23,10 @@ COMMAND_LINE = tuple(
 """Modules of the usual subcommands of ``better``. Importing them registers no task."""
 
 OTHERS = (
-    "hypothesis", "jinja2", "mujoco", "numpy", "PIL.Image", "pyarrow.parquet", "pydantic", "pytest", "rich.progress",
-    "typeguard", "tyro",
+    "jinja2", "mujoco", "numpy", "PIL.Image", "pyarrow.parquet", "pydantic", "pytest", "rich.progress", "tyro",
+    "unittest.mock",
 )  # fmt: skip
-"""Modules of other packages, for commands that import another copy of ours."""
+"""Modules of other packages, for commands that import another copy of ours; no plug-ins of pytest."""
 
 SERVER = """
 import importlib, json, os, runpy, sys, traceback
