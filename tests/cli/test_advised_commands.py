@@ -7,11 +7,10 @@ import functools
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.certification.coverage import Gap, cure_for
 from betterbench.cli.main import every_command, main
@@ -94,9 +93,8 @@ def test_a_task_that_was_never_measured_is_measured_before_it_is_certified(tmp_p
     file = tmp_path / "my tasks.py"
     file.write_text(OWN, encoding="utf-8")
     words = ["--policy", "expert", "--tasks", "my_advised_task", "--task-file", str(file), "--trials", "2"]
-    command = [sys.executable, "-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run")]
-    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    command = ("-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run"))
+    done = prepared(*COMMAND_LINE).run(*command, env={n: value for n, value in os.environ.items() if n != VARIABLE})
     assert done.returncode == 2
     said = " ".join(done.stderr.split())
     first, second = re.findall(r"better (certify .*?)(?:, then|and give it)", said)
