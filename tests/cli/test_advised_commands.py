@@ -9,11 +9,11 @@ import re
 import shlex
 from pathlib import Path
 
-import pytest
+from tests.cli.helps import help_of
 from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.certification.coverage import Gap, cure_for
-from betterbench.cli.main import every_command, main
+from betterbench.cli.main import every_command
 from betterbench.tasks import TrialId
 from betterbench.tasks.user_files import VARIABLE
 
@@ -49,30 +49,15 @@ def advised():
     return sorted(found.items())
 
 
-@pytest.fixture(scope="module")
-def options_of(request):
-    """The options of a verb, as its help lists them."""
-    known = {}
-
-    def options(verb, capsys):
-        if verb not in known:
-            capsys.readouterr()
-            with pytest.raises(SystemExit):
-                main([*verb.split(), "--help"])
-            known[verb] = set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
-        return known[verb]
-
-    return options
-
-
 def test_there_are_messages_that_advise_commands():
     assert len(advised()) > 20
 
 
-def test_every_advised_command_has_a_verb_and_options_that_exist(options_of, capsys):
+def test_every_advised_command_has_a_verb_and_options_that_exist():
     for (verb, options), file in advised():
         assert verb in every_command(), file
-        assert set(options) <= options_of(verb, capsys), f"{file} advises better {verb} {' '.join(options)}"
+        known = set(re.findall(r"--[a-z][a-z-]*", help_of(verb)))
+        assert set(options) <= known, f"{file} advises better {verb} {' '.join(options)}"
 
 
 OWN = """

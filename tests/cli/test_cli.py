@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from tests.cli.helps import help_of
 from tests.evaluation.conftest import in_few_steps
 from tests.looping import each
 
@@ -77,11 +78,9 @@ def brief_run(tmp_path_factory):
 
 
 @each("verb", every_command())
-def test_every_verb_has_help_with_an_example(capsys, verb):
-    status, out, _ = run(capsys, *verb.split(), "--help")
-    assert status == 0
-    assert f"better {verb}" in out
-    assert "Example" in out
+def test_every_verb_has_help_with_an_example(verb):
+    assert f"better {verb}" in help_of(verb)
+    assert "Example" in help_of(verb)
 
 
 def test_a_command_of_a_verb_has_its_own_options_only(capsys):
@@ -108,9 +107,8 @@ def test_options_may_precede_the_command_of_a_verb(capsys, tmp_path):
 
 
 @each("verb", every_command())
-def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
-    monkeypatch.setenv("COLUMNS", "80")
-    _, out, _ = run(capsys, *verb.split(), "--help")
+def test_the_help_of_every_verb_is_read_at_80_columns(verb):
+    out = help_of(verb, columns=80)
     assert max(map(len, out.splitlines())) <= 80
     assert "None" not in out
     assert "(default: )" not in out
