@@ -13,7 +13,7 @@ from betterbench.cli.main import main
 
 @functools.cache
 def help_of(command: str, columns: int = 80) -> str:
-    """Return the help of a command, such as "assets import", on a terminal with so many columns."""
+    """Return the help of a command, such as "assets import", on a terminal with the given number of columns."""
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
         patch.setenv("COLUMNS", str(columns))
         with pytest.raises(SystemExit) as stop:

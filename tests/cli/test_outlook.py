@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
 from betterbench.cli.outlook import FEW, Outlook
@@ -15,6 +16,7 @@ from betterbench.cli.verbs.evaluate import TrialOptions, _print_expert, smaller_
 from betterbench.evaluation import Progress, make_plan
 from betterbench.evaluation.planning.power import smallest_drop_line
 from betterbench.tasks import TrialId
+from betterbench.tasks.trial import Trial
 
 
 def trial(seed):
@@ -119,7 +121,8 @@ def test_a_task_of_the_plan_is_named_to_begin_with():
 
 
 @pytest.mark.physics
-def test_resuming_says_at_once_what_is_done(tmp_path, capsys):
+def test_resuming_says_at_once_what_is_done(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(24))
     words = ["eval", "--policy", "noop", "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1"]
     words += ["--observation", "state_only", "--workers", "1", "--out", str(tmp_path / "run")]
     assert main(words) == 0
