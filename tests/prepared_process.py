@@ -52,6 +52,7 @@ for line in sys.stdin:
         os.environ.clear()
         os.environ.update(environment)
         sys.path[1:1] = filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))
+        sys.dont_write_bytecode = bool(environment.get("PYTHONDONTWRITEBYTECODE"))
         importlib.invalidate_caches()
         status = 1
         try:
@@ -89,8 +90,8 @@ class PreparedProcess:
         Args:
             command: Its words after the name of the interpreter, which are those of ``-m`` or ``-c``.
             cwd: Its folder.
-            env: Its environment: that of this process unless given. PYTHONPATH is respected; other variables that
-                Python reads when it starts are not.
+            env: Its environment: that of this process unless given. Of the variables that Python reads when it starts,
+                PYTHONPATH and PYTHONDONTWRITEBYTECODE count.
         """
         assert self._server.stdin is not None
         assert self._server.stdout is not None
