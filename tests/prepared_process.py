@@ -78,8 +78,11 @@ class PreparedProcess:
 
     def __init__(self, *modules: str) -> None:
         """Start the process, which imports the modules while the caller goes on."""
+        # Task files that a test has loaded into this process are named in such variables, and modules would load them.
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
+        command = [sys.executable, "-c", SERVER, *modules]
         self._server = subprocess.Popen(
-            [sys.executable, "-c", SERVER, *modules], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
         )
 
     def run(
