@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -50,11 +51,15 @@ def run(better, mine):
 
 
 def test_lists_show_the_users_names(better, mine):
-    for what, name in (("tasks", "my_coffee"), ("variations", "my_coffee/L1"), ("assets", "enamel_mug")):
-        key = what.removesuffix("s")
-        for arguments, environment in ((("--task-file", mine), {}), ((), {"BETTERBENCH_TASK_FILES": str(mine)})):
-            _, out, _ = better("list", what, "--json", *arguments, **environment)
-            assert name in [row[key] for row in json.loads(out)]
+    given, named = {"--task-file": mine}, {"BETTERBENCH_TASK_FILES": str(mine)}
+    for what, name, arguments, environment in (
+        ("tasks", "my_coffee", given, {}),
+        ("tasks", "my_coffee", {}, named),
+        ("variations", "my_coffee/L1", given, {}),
+        ("assets", "enamel_mug", {}, named),
+    ):
+        _, out, _ = better("list", what, "--json", *itertools.chain(*arguments.items()), **environment)
+        assert name in [row[what.removesuffix("s")] for row in json.loads(out)]
 
 
 def test_the_run_knows_its_file_and_keeps_a_copy(run, mine):
