@@ -190,9 +190,9 @@ def test_what_a_worker_logs_takes_the_place_of_the_progress_bar_on_a_terminal():
 def test_no_color_keeps_colors_out_of_help_and_errors():
     better = [sys.executable, "-m", "betterbench.cli"]
     environment = {"TERM": "xterm-256color", "COLUMNS": "80"}
-    colored, _ = on_terminal([*better, "eval", "--polcy", "x"], **environment)
+    colored, _ = on_terminal([*better, "worlds", "--polcy", "x"], **environment)
     assert "\x1b[" in colored
-    for words in (["--help"], ["eval", "--polcy", "x"], ["evl"]):
+    for words in (["--help"], ["worlds", "--polcy", "x"], ["evl"]):
         plain, _ = on_terminal([*better, *words], NO_COLOR="1", **environment)
         assert "\x1b[3" not in plain
         assert "\x1b[9" not in plain
