@@ -8,6 +8,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 
 from betterbench.episodes import POLICY_BOUNDARY
 
@@ -213,12 +214,15 @@ def test_a_row_divides_what_two_processes_agree_on(compared):
 
 @pytest.mark.parametrize(
     ("lines", "believed", "said"),
-    [
-        ("FROZEN = (True,) * 9", False, "front did not change in 3 of 3 measurements"),
-        ("SECONDS = (0.002, 0.02, 0.1)", False, "of 3 processes no two agree"),
-        ("SECONDS = (0.002, 0.03, 0.03)", True, "not believed and left out: 0.002 s"),
-        ("FROZEN = (True, False, False)", True, "left out: 0.002 s (front did not change in 3 of 3 measurements)"),
-    ],
+    others_slow(
+        [
+            ("FROZEN = (True,) * 9", False, "front did not change in 3 of 3 measurements"),
+            ("SECONDS = (0.002, 0.02, 0.1)", False, "of 3 processes no two agree"),
+            ("SECONDS = (0.002, 0.03, 0.03)", True, "not believed and left out: 0.002 s"),
+            ("FROZEN = (True, False, False)", True, "left out: 0.002 s (front did not change in 3 of 3 measurements)"),
+        ],
+        2,
+    ),
 )
 def test_a_row_that_cannot_be_believed_gives_no_ratio(compared, lines, believed, said):
     for figure in compared(lines):

@@ -7,14 +7,13 @@ import functools
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
-import pytest
+from tests.cli.helps import help_of
+from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.certification.coverage import Gap, cure_for
-from betterbench.cli.main import every_command, main
+from betterbench.cli.main import every_command
 from betterbench.tasks import TrialId
 from betterbench.tasks.user_files import VARIABLE
 
@@ -50,30 +49,15 @@ def advised():
     return sorted(found.items())
 
 
-@pytest.fixture(scope="module")
-def options_of(request):
-    """The options of a verb, as its help lists them."""
-    known = {}
-
-    def options(verb, capsys):
-        if verb not in known:
-            capsys.readouterr()
-            with pytest.raises(SystemExit):
-                main([*verb.split(), "--help"])
-            known[verb] = set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
-        return known[verb]
-
-    return options
-
-
 def test_there_are_messages_that_advise_commands():
     assert len(advised()) > 20
 
 
-def test_every_advised_command_has_a_verb_and_options_that_exist(options_of, capsys):
+def test_every_advised_command_has_a_verb_and_options_that_exist():
     for (verb, options), file in advised():
         assert verb in every_command(), file
-        assert set(options) <= options_of(verb, capsys), f"{file} advises better {verb} {' '.join(options)}"
+        known = set(re.findall(r"--[a-z][a-z-]*", help_of(verb)))
+        assert set(options) <= known, f"{file} advises better {verb} {' '.join(options)}"
 
 
 OWN = """
@@ -94,9 +78,8 @@ def test_a_task_that_was_never_measured_is_measured_before_it_is_certified(tmp_p
     file = tmp_path / "my tasks.py"
     file.write_text(OWN, encoding="utf-8")
     words = ["--policy", "expert", "--tasks", "my_advised_task", "--task-file", str(file), "--trials", "2"]
-    command = [sys.executable, "-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run")]
-    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    command = ("-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run"))
+    done = prepared(*COMMAND_LINE).run(*command, env={n: value for n, value in os.environ.items() if n != VARIABLE})
     assert done.returncode == 2
     said = " ".join(done.stderr.split())
     first, second = re.findall(r"better (certify .*?)(?:, then|and give it)", said)

@@ -14,13 +14,14 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from tests.cli.helps import help_of
 from tests.evaluation.conftest import in_few_steps
+from tests.kept_views import used_by_commands
 from tests.looping import each
 
 from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
-from betterbench.sim.scenes import limited
 from betterbench.sim.worlds.installation import Installation
 from betterbench.tasks import TEMPLATES, all_tasks, get_task
 from betterbench.tasks.authoring.registry import SUITES, registered_for_now
@@ -79,11 +80,9 @@ def brief_run(tmp_path_factory):
 
 
 @each("verb", every_command())
-def test_every_verb_has_help_with_an_example(capsys, verb):
-    status, out, _ = run(capsys, *verb.split(), "--help")
-    assert status == 0
-    assert f"better {verb}" in out
-    assert "Example" in out
+def test_every_verb_has_help_with_an_example(verb):
+    assert f"better {verb}" in help_of(verb)
+    assert "Example" in help_of(verb)
 
 
 def test_a_command_of_a_verb_has_its_own_options_only(capsys):
@@ -110,9 +109,8 @@ def test_options_may_precede_the_command_of_a_verb(capsys, tmp_path):
 
 
 @each("verb", every_command())
-def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
-    monkeypatch.setenv("COLUMNS", "80")
-    _, out, _ = run(capsys, *verb.split(), "--help")
+def test_the_help_of_every_verb_is_read_at_80_columns(verb):
+    out = help_of(verb)
     assert max(map(len, out.splitlines())) <= 80
     assert "None" not in out
     assert "(default: )" not in out
@@ -495,18 +493,18 @@ def test_show_writes_a_image(capsys, tmp_path):
 
 
 @pytest.mark.render
-def test_report_is_one_page(capsys, brief_run, tmp_path, monkeypatch):
+def test_report_is_one_page(capsys, brief_run, tmp_path, kept_processes):
     """All its pictures come from two processes, one for each side of a film."""
-    started, process = [], limited.LimitedProcess
+    asked = []
 
-    def counted(*arguments, **options):
-        started.append(arguments)
-        return process(*arguments, **options)
+    def view(**options):
+        asked.append(options)
+        return kept_processes(**options)
 
-    monkeypatch.setattr(limited, "LimitedProcess", counted)
-    status, out, _ = run(capsys, "report", str(brief_run), "--out", str(tmp_path), "--films", "1")
+    with used_by_commands(view):
+        status, out, _ = run(capsys, "report", str(brief_run), "--out", str(tmp_path), "--films", "1")
     assert status == 0
-    assert len(started) == 2
+    assert len(asked) == 2
     page = (tmp_path / "index.html").read_text()
     assert out.strip().endswith("index.html")
     assert "zoo:lexical" in page

@@ -13,6 +13,8 @@ import tempfile
 import time
 
 import pytest
+from tests.daily import others_slow
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
@@ -20,6 +22,7 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.jobs.durable import DurableFile, write_durably
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks.trial import Trial
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as write() raises it: without a name
 
@@ -191,7 +194,9 @@ def test_a_lock_on_a_folder_that_was_removed_keeps_nobody_out_and_is_taken_again
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tracked") / "run"
     words = ["--policy", "noop", "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1", "--workers", "1"]
-    assert main(["eval", *words, "--observation", "state_only", "--quality", "fast", "--out", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Trial, "resolve", in_few_steps(24))
+        assert main(["eval", *words, "--observation", "state_only", "--quality", "fast", "--out", str(folder)]) == 0
     return folder
 
 
@@ -246,7 +251,7 @@ def test_a_file_of_rerun_is_never_cut_short(run, tmp_path, capsys, monkeypatch):
 # --- Ctrl-C
 
 
-@pytest.mark.parametrize("at_s", [0.15, 0.4, 0.8])
+@pytest.mark.parametrize("at_s", others_slow([0.15, 0.4, 0.8], 3))
 def test_ctrl_c_at_the_beginning_is_one_line(tmp_path, at_s):
     """While modules are imported, that is; Python itself takes some 0.05 s to begin."""
     code = (

@@ -120,7 +120,7 @@ def test_what_nobody_declares_is_told(capsys, tmp_path):
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("policy", ["noop", "expert"])
+@pytest.mark.parametrize("policy", [pytest.param("noop", marks=pytest.mark.slow), "expert"])
 def test_a_local_policy_is_drawn_too(capsys, tmp_path, policy):
     out = tmp_path / "sheet.png"
     status, text, _ = run(capsys, "--policy", policy, *SCENE, "--out", str(out))

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from tests.daily import others_slow
+from tests.prepared_process import COMMAND_LINE, prepared
 
 PLACES = {
     "ascii": {"PYTHONIOENCODING": "ascii"},
@@ -49,7 +50,7 @@ def test_what_cannot_be_shown_is_replaced_to_the_end_of_the_process(verb):
     check("strict", better("strict", *verb.split()))
 
 
-@pytest.mark.parametrize("place", others_slow(PLACES, 2))
+@pytest.mark.parametrize("place", others_slow(PLACES, 4))
 def test_what_cannot_be_shown_is_replaced(place):
     """All verbs in one process, since each process takes half a second to import what it needs."""
     done = in_place(place, sys.executable, "-c", EACH, *VERBS)
@@ -70,7 +71,5 @@ def check(place, done):
 def test_a_document_loses_no_character():
     here = better("ascii", "list", "tasks", "--json")
     assert here.stdout.isascii()
-    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
-    command = [sys.executable, "-m", "betterbench.cli", "list", "tasks", "--json"]
-    there = subprocess.run(command, env=environment, check=True, capture_output=True)
+    there = prepared(*COMMAND_LINE).run("-m", "betterbench.cli", "list", "tasks", "--json")  # as UTF-8
     assert json.loads(here.stdout) == json.loads(there.stdout)

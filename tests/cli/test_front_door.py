@@ -97,29 +97,28 @@ def test_garbage_is_collected_while_a_command_runs(capsys):
         gc.enable()
 
 
-def test_lists_import_nothing_heavy():
-    lines, found = modules_after(*(VERB.format(arguments=["list", what, "--json"]) for what in LISTS))
-    for what, line, modules in zip(LISTS, lines, found, strict=True):
+PACKAGES = ["betterbench", "betterbench.tasks", "betterbench.tasks.interventions", "betterbench.records"]
+
+
+def test_lists_and_packages_that_read_import_nothing_heavy():
+    """The names of records are imported at first use."""
+    lists = [VERB.format(arguments=["list", what, "--json"]) for what in LISTS]
+    named = ["from betterbench.records import *" if p == "betterbench.records" else f"import {p}" for p in PACKAGES]
+    lines, found = modules_after(*lists, *named)
+    for what, line, modules in zip(LISTS, lines, found[: len(LISTS)], strict=True):
         assert json.loads(ast.literal_eval(line)), what
         assert not modules & HEAVY, what
+    for package, modules in zip(PACKAGES, found[len(LISTS) :], strict=True):
+        assert not modules & SIMULATORS, package
+        assert package in modules
+    assert "betterbench.records.run" in modules
 
 
-@pytest.mark.parametrize(
-    "package", ["betterbench", "betterbench.tasks", "betterbench.tasks.interventions", "betterbench.records"]
-)
-def test_packages_that_read_import_no_simulator(package):
-    named = "from betterbench.records import *" if package == "betterbench.records" else f"import {package}"
-    _, (modules,) = modules_after(named)  # the names of records are imported at first use
-    assert not modules & SIMULATORS
-    if package == "betterbench.records":
-        assert "betterbench.records.run" in modules
-
-
-def test_the_overview_names_every_verb_on_one_line_of_80_columns():
-    command = [sys.executable, "-m", "betterbench.cli", "--help"]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "80", "PYTHONUTF8": "1"}, check=True
-    )
+def test_the_overview_names_every_verb_on_one_line_of_80_columns(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
     for name, verb in VERBS.items():
-        (line,) = [line for line in done.stdout.splitlines() if f"• {name} " in line]
+        (line,) = [line for line in lines if f"• {name} " in line]
         assert verb.summary in line

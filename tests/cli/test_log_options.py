@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.cli.helps import help_of
 from tests.looping import each
 
 from betterbench.cli.main import VERBS, main
@@ -69,31 +70,30 @@ def test_a_run_logs_its_trials_if_asked(tmp_path):
 
 
 @each("verb", VERBS)
-def test_every_verb_has_the_options(verb, capsys):
+def test_every_verb_has_the_options(verb):
+    assert "--log-level" in help_of(verb)
+    assert "--traceback" in help_of(verb)
+
+
+COMPLETIONS = [
+    (["better", "ev"], {"eval"}),
+    (["better", "eval", "--until"], {"--until-decided"}),
+    (["better", "eval", "--engine", ""], {"local", "ray"}),
+    (["better", "report", "--fil"], {"--films"}),
+]
+
+
+def test_bash_completes_verbs_and_their_options(capsys):
+    """All in one process of bash, which takes 0.2 s to read the script."""
     with pytest.raises(SystemExit):
-        main([verb, "--help"])
-    out = capsys.readouterr().out
-    assert "--log-level" in out
-    assert "--traceback" in out
-
-
-@pytest.fixture(scope="module")
-def bash_script():
-    command = [sys.executable, "-c", "from betterbench.cli import main; main()", "--tyro-print-completion", "bash"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
-@pytest.mark.parametrize(
-    ("typed", "offered"),
-    [
-        (["better", "ev"], {"eval"}),
-        (["better", "eval", "--until"], {"--until-decided"}),
-        (["better", "eval", "--engine", ""], {"local", "ray"}),
-        (["better", "report", "--fil"], {"--films"}),
-    ],
-)
-def test_bash_completes_verbs_and_their_options(bash_script, typed, offered):
-    words = " ".join(f"'{word}'" for word in typed)
-    ask = f'COMP_WORDS=({words}); COMP_CWORD={len(typed) - 1}; _tyro_better; printf "%s\\n" "${{COMPREPLY[@]}}"'
-    done = subprocess.run(["/bin/bash", "-c", f"{bash_script}\n{ask}"], capture_output=True, text=True, check=False)
-    assert offered <= {line.strip() for line in done.stdout.splitlines()}, done.stderr
+        main(["--tyro-print-completion", "bash"])
+    script = [capsys.readouterr().out]
+    for typed, _ in COMPLETIONS:
+        words = " ".join(f"'{word}'" for word in typed)
+        script += [f"COMP_WORDS=({words}); COMP_CWORD={len(typed) - 1}; COMPREPLY=(); _tyro_better"]
+        script += ['printf "%s\\n" "${COMPREPLY[@]}" END']
+    done = subprocess.run(["/bin/bash", "-c", "\n".join(script)], capture_output=True, text=True, check=False)
+    *answers, rest = done.stdout.split("END\n")
+    assert not rest
+    for (typed, offered), answer in zip(COMPLETIONS, answers, strict=True):
+        assert offered <= {line.strip() for line in answer.splitlines()}, (typed, done.stderr)

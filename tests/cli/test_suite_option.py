@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
-from tests.cli.test_task_files import SERVER
+from tests.cli.helps import help_of
+from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.cli.main import VERBS, main
 from betterbench.errors import InvalidInputError
@@ -38,30 +37,17 @@ def suite(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def better(tmp_path_factory):
+def better():
     """Run the command in a process of its own, because the tasks of a suite stay registered."""
-    folder = tmp_path_factory.mktemp("printed")
     inherited = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    server = subprocess.Popen(
-        [sys.executable, "-c", SERVER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**inherited, "COLUMNS": "1000", "OPENBLAS_NUM_THREADS": "1"},
-    )
 
     def run(*arguments):
-        number = len(list(folder.iterdir()))
-        out, err = folder / f"{number}.out", folder / f"{number}.err"
-        server.stdin.write(json.dumps([[*map(str, arguments)], {}, str(out), str(err)]) + "\n")
-        server.stdin.flush()
-        status = int(server.stdout.readline())
-        assert status == 0, err.read_text()
-        return out.read_text()
+        command = ("-m", "betterbench.cli", *map(str, arguments))
+        done = prepared(*COMMAND_LINE).run(*command, env={**inherited, "COLUMNS": "1000"})
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    with server:
-        yield run
-        server.stdin.close()
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +69,12 @@ def run(better, certified, tmp_path_factory):
     return out
 
 
-def test_every_verb_on_tasks_takes_a_suite(capsys):
+def test_every_verb_on_tasks_takes_a_suite():
     """The others prepare assets, worlds and pages, take the tasks of their data, or have subcommands of their own."""
     without = {"assets", "worlds", "premise", "recipe", "mixture", "demo", "audit-paper"}
     without |= {"generate", "build", "vlm", "real"}
     for name in VERBS:
-        with pytest.raises(SystemExit):
-            main([name, "--help"])
-        assert ("--suite " in capsys.readouterr().out) == (name not in without), name
+        assert ("--suite " in help_of(name)) == (name not in without), name
 
 
 def test_tasks_of_a_folder_are_listed_and_shown(better, suite, tmp_path):

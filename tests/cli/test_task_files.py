@@ -2,75 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.prepared_process import COMMAND_LINE, OTHERS, prepared
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-tasks.md"
 (MINE,) = re.findall(r"```py\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 """The file that the documentation shows."""
 
 
-SERVER = """
-import json, os, sys
-
-import betterbench.cli.verbs.certify, betterbench.cli.verbs.compare
-import betterbench.cli.verbs.diagnose, betterbench.cli.verbs.evaluate
-import betterbench.cli.verbs.listing, betterbench.cli.output.page
-import betterbench.cli.verbs.replay, betterbench.cli.verbs.report
-import betterbench.cli.output.diagnosis, betterbench.cli.output.standing, betterbench.evaluation.running.runner
-from betterbench.cli.main import main
-
-for line in sys.stdin:
-    arguments, environment, out, err = json.loads(line)
-    child = os.fork()
-    if not child:
-        for file, number in ((out, 1), (err, 2)):
-            os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), number)
-        os.environ.update(environment)
-        status = 1
-        try:
-            status = main(arguments)
-        except SystemExit as stop:
-            status = stop.code or 0
-        finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(status)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
-"""
-"""A process that has imported the command, and runs each of its lines in a copy of itself."""
-
-
 @pytest.fixture(scope="module")
-def better(tmp_path_factory):
+def better():
     """Run the command in a process of its own: what a file registers stays there."""
     inherited = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    folder = tmp_path_factory.mktemp("printed")
-    server = subprocess.Popen(
-        [sys.executable, "-c", SERVER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**inherited, "COLUMNS": "1000", "OPENBLAS_NUM_THREADS": "1"},
-    )
 
     def run(*arguments, **environment):
-        number = len(list(folder.iterdir()))
-        out, err = folder / f"{number}.out", folder / f"{number}.err"
-        server.stdin.write(json.dumps([[*map(str, arguments)], environment, str(out), str(err)]) + "\n")
-        server.stdin.flush()
-        status = int(server.stdout.readline())
-        return status, out.read_text(), " ".join(err.read_text().split())
+        done = prepared(*COMMAND_LINE).run(
+            *("-m", "betterbench.cli", *map(str, arguments)), env={**inherited, "COLUMNS": "1000", **environment}
+        )
+        return done.returncode, done.stdout, " ".join(done.stderr.split())
 
-    with server:
-        yield run
-        server.stdin.close()
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -81,23 +38,28 @@ def mine(tmp_path_factory):
 
 
 EVAL = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "--uncertified")
+EVAL += ("--variations", "L1", "--observation", "state_only")
 
 
 @pytest.fixture(scope="module")
 def run(better, mine):
     out = mine.parent / "run"
-    status, printed, err = better(*EVAL, "--task-file", mine, "--workers", "2", "--out", out)
+    status, printed, err = better(*EVAL, "--task-file", mine, "--workers", "1", "--out", out)
     assert status == 0, err
     assert f"better report {out} --task-file {mine}\n" in printed
     return out
 
 
 def test_lists_show_the_users_names(better, mine):
-    for what, name in (("tasks", "my_coffee"), ("variations", "my_coffee/L1"), ("assets", "enamel_mug")):
-        key = what.removesuffix("s")
-        for arguments, environment in ((("--task-file", mine), {}), ((), {"BETTERBENCH_TASK_FILES": str(mine)})):
-            _, out, _ = better("list", what, "--json", *arguments, **environment)
-            assert name in [row[key] for row in json.loads(out)]
+    given, named = {"--task-file": mine}, {"BETTERBENCH_TASK_FILES": str(mine)}
+    for what, name, arguments, environment in (
+        ("tasks", "my_coffee", given, {}),
+        ("tasks", "my_coffee", {}, named),
+        ("variations", "my_coffee/L1", given, {}),
+        ("assets", "enamel_mug", {}, named),
+    ):
+        _, out, _ = better("list", what, "--json", *itertools.chain(*arguments.items()), **environment)
+        assert name in [row[what.removesuffix("s")] for row in json.loads(out)]
 
 
 def test_the_run_knows_its_file_and_keeps_a_copy(run, mine):
@@ -220,8 +182,7 @@ worker.close()
 
 def test_a_worker_on_another_machine_needs_no_file(run, mine):
     environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    command = [sys.executable, "-c", REMOTE, str(mine), str(run / "run.json")]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    done = prepared(*COMMAND_LINE).run("-c", REMOTE, str(mine), str(run / "run.json"), env=environment)
     assert done.stdout.strip() == "False", done.stderr
 
 
@@ -273,9 +234,10 @@ def test_an_installed_package_adds_its_tasks(better, tmp_path):
     (info / "entry_points.txt").write_text("[betterbench.plugins]\nmugs = enamel\n")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "betterbench.cli", *EVAL, "--workers", "1", "--out", str(out)]
+    command = ("-m", "betterbench.cli", *EVAL, "--workers", "1", "--out", str(out))
     environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    subprocess.run(command, capture_output=True, env={**environment, "PYTHONPATH": path}, check=True)
+    done = prepared(*OTHERS).run(*command, env={**environment, "PYTHONPATH": path})
+    assert done.returncode == 0, done.stderr
     assert json.loads((out / "run.json").read_text())["plan"]["plugins"] == [{"name": "enamel", "version": "1.2"}]
     status, _, err = better("diagnose", out)
     assert status == 2
@@ -288,5 +250,5 @@ def test_gymnasium_makes_the_users_task(mine):
         "env.reset(seed=0); env.close(); print(env.spec.id)"
     )
     environment = {**os.environ, "BETTERBENCH_TASK_FILES": str(mine)}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    done = prepared(*OTHERS).run("-c", code, env=environment)
     assert done.stdout.strip() == "BeTTER/MyCoffee-v0", done.stderr

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import in_few_steps
 
 from betterbench.cli.main import main
 from betterbench.cli.tally import times_text
@@ -15,6 +16,7 @@ from betterbench.evaluation.running.summary import RunTimes, run_times
 from betterbench.interface import Execution
 from betterbench.policies.serving.server import PolicyServer
 from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks.trial import Trial
 
 LATENCY_S = 0.2
 
@@ -104,7 +106,8 @@ def test_a_run_ends_with_its_times_and_a_resumed_one_with_those_of_all_sessions(
     assert {"policy_s", "simulation_s", "rendering_s", "wire_s"} <= told.keys()
 
 
-def test_a_built_in_policy_has_times_too(tmp_path, capsys):
+def test_a_built_in_policy_has_times_too(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(24))
     arguments = ["eval", "--policy", "noop", "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1"]
     main([*arguments, "--observation", "state_only", "--workers", "1", "--out", str(tmp_path / "run"), "--json"])
     shown = capsys.readouterr()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
+
+from tests.prepared_process import OTHERS, prepared
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,10 +47,7 @@ def attempt(checkout: Path, *command: str) -> subprocess.CompletedProcess[str]:
     """Returns a command of Python that has ended in the copy."""
     # Task files that other tests have loaded into this process are named to its children by such variables.
     kept = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
-    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": ""}
-    return subprocess.run(
-        [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
-    )
+    return prepared(*OTHERS).run(*command, cwd=checkout, env={**kept, "PYTHONPATH": str(checkout / "src")})
 
 
 def run(checkout: Path, *command: str) -> str:

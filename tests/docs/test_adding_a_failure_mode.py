@@ -6,11 +6,11 @@ import importlib.util
 import inspect
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from tests.prepared_process import OTHERS, prepared
 
 from betterbench.cli.main import main
 from betterbench.diagnosis.failure_mode import remove_mode
@@ -81,8 +81,7 @@ def test_the_command_gives_the_label_with_the_file_and_not_without(tmp_path, cap
     words = ["diagnose", str(run.path), "--json"]
     assert main(words) == 0
     told = [capsys.readouterr().out]
-    command = [sys.executable, "-m", "betterbench.cli", *words, "--task-file", str(tmp_path / "put_back.py")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = prepared(*OTHERS).run("-m", "betterbench.cli", *words, "--task-file", str(tmp_path / "put_back.py"))
     assert done.returncode == 0, done.stderr
     told.append(done.stdout)
     labels = [json.loads(text)["trials"][0]["label"] for text in told]

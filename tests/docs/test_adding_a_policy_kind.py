@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from tests.docs.copies import ROOT, attempt, copy_checkout, run
 from tests.evaluation.conftest import in_few_steps
+from tests.prepared_process import COMMAND_LINE, prepared
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError
@@ -58,7 +58,8 @@ def test_the_kind_of_the_page_is_listed_and_read(sway, capsys):
 
 
 @pytest.mark.usefixtures("sway")
-def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
+def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(60))  # one swing and a half
     address = "sway:y?amplitude=0.3&start=backward"
     assert check_policy(address).action_space == "ee_delta"
     plan = make_plan(address, tasks=("fruit_lunch",), trials=1, observation="state_only")
@@ -67,6 +68,7 @@ def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
     assert entry.status == "done"
     applied = run.read_record(entry.task, entry.condition, entry.seed).applied[1:]
     steps = np.arange(len(applied))
+    assert len(steps) > 50
     np.testing.assert_allclose(applied[:, 1], -0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
 
 
@@ -79,14 +81,13 @@ def test_the_kind_of_the_page_works_in_a_file_of_its_own(tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
 
     def better(*words: str) -> str:
-        command = [sys.executable, "-m", "betterbench.cli", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment, check=False)
+        done = prepared(*COMMAND_LINE).run("-m", "betterbench.cli", *words, cwd=tmp_path, env=environment)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
     assert "sway:AXIS" in better("list", "policies", "--task-file", "sway.py")
     files = ("--task-file", "point.py", "--task-file", "sway.py")
-    better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--out", "run")
+    better("eval", *files, "--suite", "point", "--policy", "sway:y", "--trials", "1", "--workers", "2", "--out", "run")
     better("report", "run", *files)
     assert "sway:y" in (tmp_path / "run" / "report" / "index.html").read_text(encoding="utf-8")
 

@@ -68,7 +68,8 @@ def follow(tmp_path, monkeypatch, capfd, forgotten):
 
 
 def test_the_world_of_the_page_is_evaluated_and_reported_and_read_with_its_file_alone(follow, monkeypatch):
-    folder, (suites, goes, noop, report) = follow(COMMANDS.splitlines())
+    lines = [line + " --workers 1" if " eval " in line else line for line in COMMANDS.splitlines()]
+    folder, (suites, goes, noop, report) = follow(lines)
     assert "a mark on the left" in " ".join(suites.out.split())
     assert "10 trials of point." in goes.err
     assert "100.0 % success (10/10" in goes.out

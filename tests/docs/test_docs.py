@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from tests.looping import each
+from tests.prepared_process import COMMAND_LINE, OTHERS, prepared
 
 from betterbench.cli.main import VERBS
 from betterbench.diagnosis.failure_mode import exposed_labels
@@ -36,7 +35,7 @@ SNIPPETS = [
 def test_snippets_run(page, number, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if "gymnasium.make" in code:  # Gymnasium imports betterbench, which this process has imported before
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        done = prepared(*OTHERS).run("-c", code)
         assert done.returncode == 0, done.stderr
         return
     exec(compile(code, f"{page}:{number}", "exec"), {"__name__": "snippet"})  # noqa: S102 - our own documentation
@@ -115,8 +114,7 @@ def test_the_task_of_the_contributors_page_works(tmp_path):
     (code,) = blocks(ROOT / "docs" / "adding-a-task.md", "python")
     (tmp_path / "tea_tray.py").write_text(code)
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "tools")}
-    command = [sys.executable, "-c", NEW_TASK, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    done = prepared(*COMMAND_LINE).run("-c", NEW_TASK, str(tmp_path), env=environment)
     assert done.returncode == 0, done.stderr
 
 

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.prepared_process import OTHERS, prepared
 
 import betterbench
 
@@ -37,8 +36,7 @@ def better(package):
         added.append(package / name)
         added[-1].write_text(source, encoding="utf-8")
         environment = {**os.environ, "PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [sys.executable, "-m", "betterbench.cli", *words]
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+        done = prepared(*OTHERS).run("-m", "betterbench.cli", *words, env=environment)
         assert done.returncode == 2, done.stderr
         assert "Traceback" not in done.stderr
         return " ".join(done.stderr.split())
@@ -173,7 +171,7 @@ register(PolicyKind(form=FORM, shown="toy:SIDE", summary="A toy.", needs=AT_ONCE
 
 
 def test_an_error_in_the_code_of_a_policy_kind_names_the_file(better):
-    said = better("policies/kinds/toy.py", KIND, "doctor", "--policy", "toy:right")
+    said = better("policies/kinds/toy.py", KIND, "serve", "toy:right")
     text = r"\S+/policies/kinds/toy\.py, line 4: KeyError: 'right'\. Correct the file\."
     assert re.fullmatch(f"error: {text}", said), said
 

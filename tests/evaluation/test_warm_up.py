@@ -9,7 +9,6 @@ import time
 
 import numpy as np
 import pytest
-from tests.daily import in_turn
 from tests.evaluation.conftest import check_steps, tiny
 
 from betterbench.evaluation import Plan, evaluate, make_plan

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -28,7 +29,8 @@ pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installe
 
 STUDIES = Path(__file__).parents[2] / "docs" / "study"
 LAPTOP, PHONE = (1440, 900), (390, 844)
-SIZES = [(size, scheme) for size in (LAPTOP, PHONE) for scheme in ("light", "dark")]
+SIZES = [(LAPTOP, "light"), (PHONE, "light"), (PHONE, "dark"), (LAPTOP, "dark")]
+"""Each half has both sizes and both schemes."""
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def chromium(tmp_path_factory):
         yield made
 
 
-@pytest.mark.parametrize(("size", "scheme"), SIZES)
+@pytest.mark.parametrize(("size", "scheme"), others_slow(SIZES, 2))
 def test_the_first_screen_says_what_is_wrong(chromium, page, size, scheme):
     """The verdict, the gap with its interval, and the leading failure with its share need no scrolling."""
     chromium.open(page, *size, scheme=scheme)
@@ -65,7 +67,7 @@ def test_the_first_screen_says_what_is_wrong(chromium, page, size, scheme):
     assert chromium.complaints() == []
 
 
-@pytest.mark.parametrize(("size", "scheme"), SIZES)
+@pytest.mark.parametrize(("size", "scheme"), others_slow(SIZES, 2))
 def test_nothing_is_wider_than_the_screen(chromium, page, size, scheme):
     chromium.open(page, *size, scheme=scheme)
     assert chromium.value("document.documentElement.scrollWidth") <= size[0]
@@ -177,7 +179,7 @@ def test_what_has_one_value_has_no_filter_and_no_column(chromium, page):
 
 
 def test_several_runs_show_a_picture_on_the_first_screen(chromium, tmp_path):
-    runs = [run_of(policy) for policy in ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")]
+    runs = [run_of(policy, seeds=6) for policy in ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")]
     image = draw_frame(np.random.default_rng(0), size=64)
     films = {s.key: film_of(s, lambda: image) for run in runs for s in trials_worth_showing(run, 8)}
     page = write_report(runs, tmp_path, films=films)
@@ -196,7 +198,7 @@ def test_several_runs_show_a_picture_on_the_first_screen(chromium, tmp_path):
 
 def test_navigation_and_names_are_whole_on_a_phone(chromium, tmp_path):
     """No link is cut off or hidden by scrolling, and "zoo:lexical" stands on one line wherever it does."""
-    page = write_report([run_of("zoo:lexical"), run_of("zoo:progress-cue")], tmp_path)
+    page = write_report([run_of(policy, seeds=4) for policy in ("zoo:lexical", "zoo:progress-cue")], tmp_path)
     chromium.open(page, *PHONE)
     rights = chromium.value(
         "[...document.querySelectorAll('nav a, nav button')].map(e => e.getBoundingClientRect().right)"
@@ -226,7 +228,7 @@ def test_stills_stand_where_a_film_does_not_play(chromium, tmp_path):
 
 def test_a_film_that_fails_before_the_script_runs_gives_way_to_its_stills(chromium, tmp_path):
     """On a slow machine the browser has given up the film when the script comes to listen for that."""
-    run = run_of("zoo:lexical")
+    run = run_of("zoo:lexical", seeds=4)
     image = draw_frame(np.random.default_rng(0), size=64)
     film = replace(film_of(trials_worth_showing(run, 1)[0], lambda: image), clip=b"this is no film")
     page = write_report([run], tmp_path, films={film.key: film})
@@ -298,7 +300,7 @@ def test_it_prints(chromium, page, tmp_path):
             assert re.sub(r"\s+", " ", title) in text, title
 
 
-@pytest.mark.parametrize(("size", "scheme"), SIZES)
+@pytest.mark.parametrize(("size", "scheme"), others_slow(SIZES, 2))
 def test_a_report_with_unfinished_trials_says_so_and_claims_nothing_on_few(chromium, tmp_path, size, scheme):
     """Stopped after 94 of 106 trials, with 4 failures of 40 pairs: p = 0.13."""
     trials = [trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in range(4)]

@@ -67,7 +67,7 @@ def outward(page: str) -> Outward:
 
 @pytest.fixture(scope="module")
 def runs():
-    return [run_of(policy) for policy in POLICIES]
+    return [run_of(policy, seeds=10) for policy in POLICIES]
 
 
 @pytest.fixture(scope="module")
@@ -299,11 +299,10 @@ def test_cards_show_training_beside_test_with_both_instructions(runs, tmp_path):
             assert get_task(task).train(variation.base).instruction.text in body(page)
 
 
-def test_the_screen_is_defined_where_it_is_shown(runs, tmp_path):
+def test_the_screen_is_defined_where_it_is_shown(runs, page, tmp_path):
     """Every name of a number on the first screen is explained below it; a zero line where it can be negative."""
-    for shown in ([runs[1]], runs):
-        page = write_report(shown, tmp_path / str(len(shown))).read_text(encoding="utf-8")
-        first = page[page.index('<section id="verdict"') :].partition("</section>")[0]
+    for shown in (write_report([runs[1]], tmp_path).read_text(encoding="utf-8"), page):
+        first = shown[shown.index('<section id="verdict"') :].partition("</section>")[0]
         names = set(re.findall(r"<dt>(.*?)</dt>", first))
         note = body(first[first.rindex('<p class="note">') :])
         assert {name for name in names if f"{name}:" not in note} == set()
@@ -359,12 +358,11 @@ def test_matrices_that_nothing_fills_are_one_line(tmp_path):
         assert page.count('<table class="matrix">') == sum(m.measured for m in matrices)
 
 
-def test_a_name_of_a_policy_is_not_broken_unless_it_is_long(runs, tmp_path):
-    page = write_report(runs, tmp_path).read_text(encoding="utf-8")
+def test_a_name_of_a_policy_is_not_broken_unless_it_is_long(runs, page, tmp_path):
     assert '<span class="policy">zoo:lexical</span>' in page
     style = page.partition("</style>")[0]
     assert ".policy { font-family: var(--mono); font-size: 0.84em; white-space: nowrap; }" in style
-    page = write_report([diagnosis([trial()], policy="openpi://" + "h" * 60), runs[0]], tmp_path / "long").read_text()
+    page = write_report([diagnosis([trial()], policy="openpi://" + "h" * 60), runs[0]], tmp_path).read_text()
     assert f'<span class="policy long">openpi://{"h" * 60}</span>' in page
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -58,7 +60,10 @@ def test_a_drawn_scene_is_possible_and_its_line_crosses_a_border(scenes, task):
 
 
 class InThisProcess:
-    """Stands for the executor of one process."""
+    """Stands for the executor of processes; the jobs end in the order in which they were submitted."""
+
+    def __init__(self, *_, **__):
+        self.jobs, self.found = [], {}
 
     def __enter__(self):
         return self
@@ -67,15 +72,38 @@ class InThisProcess:
         pass
 
     def submit(self, function, *arguments):
-        found = function(*arguments)
-        return SimpleNamespace(result=lambda: found)
+        self.jobs.append((function, arguments))
+        return SimpleNamespace(result=partial(self._result, len(self.jobs) - 1))
+
+    def order(self):
+        return range(len(self.jobs))
+
+    def _result(self, number):
+        if not self.found:
+            for k in self.order():
+                function, arguments = self.jobs[k]
+                self.found[k] = function(*arguments)
+        return self.found[number]
+
+
+class Backwards(InThisProcess):
+    """Ends the last job first, as another process may."""
+
+    def order(self):
+        return reversed(super().order())
 
 
 @pytest.mark.render
-def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_same(scenes, tmp_path, monkeypatch):
-    sets, ordinary = [], scenes.ProcessPoolExecutor
-    for workers, executor in (("1", lambda *_, **__: InThisProcess()), ("2", ordinary)):
-        monkeypatch.setattr(scenes, "ProcessPoolExecutor", executor)
+@pytest.mark.parametrize(
+    ("executor", "side_px"), [(Backwards, 180), pytest.param(ProcessPoolExecutor, 720, marks=pytest.mark.slow)]
+)
+def test_the_folder_for_judges_holds_no_verdict_and_several_processes_give_the_same(
+    scenes, tmp_path, monkeypatch, executor, side_px
+):
+    monkeypatch.setattr(scenes, "SIDE_PX", side_px)
+    sets = []
+    for workers, used in (("1", InThisProcess), ("2", executor)):
+        monkeypatch.setattr(scenes, "ProcessPoolExecutor", used)
         out = tmp_path / workers
         scenes.main(["draw", str(out), "--count", "2", "--seed", "4", "--near-border", "0", "--workers", workers])
         shown = {path.name: path.read_bytes() for path in (out / "for_judges").iterdir()}
@@ -313,6 +341,7 @@ def test_written_scenes_are_shown_without_verdicts_which_are_computed_when_they_
     scenes, written, tmp_path, capsys, monkeypatch
 ):
     out = tmp_path / "set"
+    monkeypatch.setattr(scenes, "SIDE_PX", 180)
     with monkeypatch.context() as blind:
         blind.setattr(scenes, "accepts", lambda *_: pytest.fail("the verdict of the program was computed"))
         scenes.main(["pose", str(written), str(out), "--seed", "1"])
