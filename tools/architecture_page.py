@@ -32,7 +32,7 @@ INK, SOFT, RULE, FILL, ACCENT, UPWARD = "#1c1e21", "#5c6066", "#dedad2", "#e9f0f
 COMMON = frozenset(
     {
         *("errors", "geometry", "installation", "interface", "json_form", "lazy_names"),
-        *("ordinary_file", "quoting", "statistics"),
+        *("ordinary_file", "quoting", "statistics", "wording"),
     }
 )
 """Small modules that every package uses; calls into them are not shown."""

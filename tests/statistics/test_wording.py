@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from betterbench.statistics import Rate
-from betterbench.statistics.wording import counted, listed, p_text, plural, points
+from betterbench.statistics.wording import counted, p_text, points
+from betterbench.wording import listed, plural
 
 
 @pytest.mark.parametrize(

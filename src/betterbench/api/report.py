@@ -30,10 +30,10 @@ from betterbench.report.pages.trust import trust_of
 from betterbench.sim.scenes.limited import LimitedViews
 from betterbench.sim.worlds import WorldError, world_named
 from betterbench.sim.worlds.world import require_photos
-from betterbench.statistics.wording import plural
 from betterbench.tasks import all_tasks
 from betterbench.tasks.user_files import options_for
 from betterbench.vqa.knowing import read_knowledge
+from betterbench.wording import plural
 
 logger = logging.getLogger(__name__)
 

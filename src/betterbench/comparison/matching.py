@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from betterbench.comparison.side import Side
 from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
 """Conventions that define a trial. Results under different conventions of this kind cannot be compared."""

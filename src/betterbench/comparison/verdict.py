@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
 from betterbench.statistics import percent
-from betterbench.statistics.wording import counted, p_text, plural, points
+from betterbench.statistics.wording import counted, p_text, points
 from betterbench.tasks.labels import Kind
 from betterbench.tasks.worlds.facts import facts_of_task
+from betterbench.wording import plural
 
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 

@@ -17,10 +17,10 @@ from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.statistics import Rate, chance_p
 from betterbench.statistics.power import DEFAULT_ALPHA
-from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import get_task
 from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.labels import Label
+from betterbench.wording import listed, plural
 
 MEMORIZED_PLACE = "memorized_place"
 """Evidence rule for placing a correct object at its training target instead of the requested target."""

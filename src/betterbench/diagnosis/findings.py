@@ -13,8 +13,9 @@ from betterbench.diagnosis.task_rules import TaskRules
 from betterbench.diagnosis.verdict import OUTCOME_ALONE, TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
 from betterbench.statistics.power import DEFAULT_ALPHA
-from betterbench.statistics.wording import p_text, plural
+from betterbench.statistics.wording import p_text
 from betterbench.tasks.labels import Kind, Label
+from betterbench.wording import plural
 
 _SHOWN = 5
 """Number of trials that a note lists before it ends with "…"."""

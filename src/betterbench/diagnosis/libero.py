@@ -25,7 +25,6 @@ from betterbench.errors import RecordError
 from betterbench.geometry import conjugate, rotate
 from betterbench.interface.state import ObjectInfo, Region, SceneInfo
 from betterbench.records import Record, RecordMetadata
-from betterbench.statistics.wording import listed
 from betterbench.tasks import (
     Axis,
     Condition,
@@ -43,6 +42,7 @@ from betterbench.tasks.labels import Label
 from betterbench.tasks.worlds.libero import SUITES
 from betterbench.tasks.worlds.libero_plus import axis_of
 from betterbench.tasks.worlds.libero_training import CARRIED, TrainedTask, trained_in, word_of_sentence
+from betterbench.wording import listed
 
 AXES = {
     "swap": Axis.SPATIAL_LAYOUT_SHIFT,

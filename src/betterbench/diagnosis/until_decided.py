@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from betterbench.statistics import Answer, Decisions, Question, StoppingRule, Verdict, decide
-from betterbench.statistics.wording import plural
 from betterbench.tasks import Expected, TrialId
 from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.wording import plural
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.real.outcomes import outcome_named
 from betterbench.real.plan import same_name
 from betterbench.real.record import RealRun, RealTrial, enter, read_run
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 logger = logging.getLogger(__name__)
 

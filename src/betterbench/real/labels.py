@@ -19,10 +19,10 @@ from betterbench.diagnosis.thresholds import DOUBT, HALT_RADIUS, HELD_SHARE
 from betterbench.real.outcomes import outcome_named
 from betterbench.real.record import Entry, RealTrial
 from betterbench.real.signals import Closing, JointSignals, JointTrack, signals_of
-from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import EMPTY_SLOT_REACH, THRESHOLDS
+from betterbench.wording import listed, plural
 
 Basis = Literal["joints", "judges", "joints and judges", "record", "nothing"]
 """Source of a label."""

@@ -29,10 +29,10 @@ from betterbench.report.tables.matrices import Cell, Matrix, matrices_of, outcom
 from betterbench.statistics import Rate
 from betterbench.statistics.agreement import AgreementTable
 from betterbench.statistics.difference import Difference, newcombe_difference
-from betterbench.statistics.wording import plural
 from betterbench.tasks.authoring.condition_matrix import State
 from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Kind, Label
+from betterbench.wording import plural
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,10 @@ from betterbench.quoting import shell_line
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, Verdict, chance_p, paired_power
 from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
-from betterbench.statistics.wording import listed, plural
 from betterbench.tasks.labels import Kind
 from betterbench.tasks.user_files import options_for
 from betterbench.tasks.worlds.facts import facts_of_task
+from betterbench.wording import listed, plural
 
 USUAL_SHARE = 0.2
 """Reference rate for conclusions that are not based on an illusion gap.

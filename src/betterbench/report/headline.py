@@ -29,8 +29,9 @@ from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure
 from betterbench.statistics import Rate, fisher_p
 from betterbench.statistics.power import DEFAULT_ALPHA
-from betterbench.statistics.wording import listed, p_text, plural, points
+from betterbench.statistics.wording import p_text, points
 from betterbench.tasks.labels import Kind, Label
+from betterbench.wording import listed, plural
 
 RARE_SHARE = 0.05
 """Failures in at most this fraction of the variation trials (one in 20) are treated as exceptions."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from decimal import Decimal
 
 from betterbench.statistics.rate import Rate
@@ -38,13 +37,3 @@ def p_text(p_value: float | None) -> str:
     if p_value < 0.001:
         return "p < 0.001"
     return f"p = {round_half_up(p_value, 2 if p_value >= 0.1 else 3 if p_value >= 0.01 else 4)}"
-
-
-def listed(items: Sequence[str]) -> str:
-    """Join items as "a", "a and b" or "a, b and c"."""
-    return "".join(items) if len(items) < 2 else f"{', '.join(items[:-1])} and {items[-1]}"
-
-
-def plural(count: int, one: str, many: str | None = None) -> str:
-    """Return the count with its noun: "1 trial", "2 trials"."""
-    return f"{count} {one if count == 1 else many or one + 's'}"

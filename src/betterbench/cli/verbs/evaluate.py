@@ -333,7 +333,7 @@ def _refuse_other_options(given: WorldOptions, world: World) -> None:
     The message lists the worlds that support the option.
     """
     from betterbench.sim.worlds import all_worlds
-    from betterbench.statistics.wording import listed
+    from betterbench.wording import listed
 
     def has(world: World, option: str) -> bool:
         return world.options is not None and option in {f.name for f in fields(world.options)}

@@ -63,7 +63,7 @@ def materialize_command(
     from betterbench.records.modalities.spec import ViewSpec, modalities_named
     from betterbench.sim.modalities.folder import Wanted, read_settings, require_same_settings
     from betterbench.sim.modalities.run import default_views, materialize_run
-    from betterbench.statistics.wording import plural
+    from betterbench.wording import plural
 
     folder = RunFolder.open(run)
     place = out or folder.inside("modalities")
@@ -115,7 +115,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
     """Check rendered modalities against the records of a run. Raise RecordError if files are missing or wrong."""
     from betterbench.errors import RecordError
     from betterbench.sim.modalities.checking import check_folder
-    from betterbench.statistics.wording import plural
+    from betterbench.wording import plural
 
     with progress_bar("files", 0) as (bar, task):
         found = check_folder(
@@ -137,7 +137,7 @@ def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId
 
 def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
     """Return a message that lists the problems found in a folder, with the remedies."""
-    from betterbench.statistics.wording import plural
+    from betterbench.wording import plural
 
     if found.is_of_another_run:
         return (

@@ -44,7 +44,7 @@ def plan_command(
         time_limit_s: Maximum duration of a trial in seconds.
     """
     from betterbench.real.plan import make_plan, write_plan
-    from betterbench.statistics.wording import plural
+    from betterbench.wording import plural
 
     plan = make_plan(
         [_policy(text) for text in policies],

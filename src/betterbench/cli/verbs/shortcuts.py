@@ -208,7 +208,7 @@ def _tell_asked(group: GroupAudit) -> None:
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     from betterbench.demonstrations.shortcuts.page import doubt
     from betterbench.demonstrations.shortcuts.smallest import shares_line
-    from betterbench.statistics.wording import plural
+    from betterbench.wording import plural
 
     rows = []
     for group in audit.groups:

@@ -60,9 +60,9 @@ from betterbench.demonstrations.shortcuts.words import (
     without_joined,
 )
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.statistics.wording import plural
 from betterbench.tasks import get_task, task_names
 from betterbench.tasks.interventions import resolve_condition
+from betterbench.wording import plural
 
 ALPHA = 0.05
 """Significance level for all questions of an audit together (Bonferroni correction).

@@ -10,7 +10,7 @@ from betterbench.demonstrations.shortcuts.prediction import Prediction
 from betterbench.demonstrations.shortcuts.reading import DataReading
 from betterbench.demonstrations.shortcuts.smallest import POWER, share_text
 from betterbench.quoting import markdown_table, markdown_text
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 ABOUT = (
     "A **shortcut** is a rule that a learner could use and that some variation breaks. A regularity is a rule that "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ from betterbench.diagnosis.thresholds import BETWEEN, DOUBT, SQUEEZES, UNDONE_WI
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.geometry import rotate
 from betterbench.interface.state import WorldState
-from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.judging.attempts import (
     GraspAttempt,
@@ -32,6 +31,7 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.thresholds import DISPLACED
 from betterbench.tasks.words import place_words
+from betterbench.wording import listed
 
 
 class AttemptTarget(StrEnum):

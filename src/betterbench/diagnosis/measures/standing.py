@@ -15,9 +15,9 @@ from betterbench.diagnosis.measures.power_matrix import EXPERT, Ceiling, Key, Po
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Difference, Rate, newcombe_difference, paired_bootstrap
-from betterbench.statistics.wording import listed
 from betterbench.tasks import Axis, stream
 from betterbench.tasks.labels import Kind
+from betterbench.wording import listed
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
-from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
 from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.labels import Label
+from betterbench.wording import listed
 
 
 def _exposed(x: Exposure) -> bool:

@@ -20,7 +20,6 @@ from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
 from betterbench.diagnosis.thresholds import CLOSED_IN_PART, SHARE_OF_ALL, SHOVED_AGAIN, STAY_TIME, TRIES_IN_VAIN
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
-from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.judging.restraint import moved_from_start
 from betterbench.tasks.labels import Label
@@ -28,6 +27,7 @@ from betterbench.tasks.relations import lies_on_side, relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.thresholds import DISPLACED
 from betterbench.tasks.words import agreeing, is_plural
+from betterbench.wording import listed, plural
 
 _KNOCKS = "knocks objects over or out of place"
 _HOW = {

@@ -23,10 +23,10 @@ from betterbench.diagnosis.analysis.paths import path_length
 from betterbench.diagnosis.exposure import Exposure, absent_steps
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected, get_task
 from betterbench.tasks.labels import Label
 from betterbench.tasks.thresholds import DISPLACED
+from betterbench.wording import listed
 
 
 def _exposed(x: Exposure) -> bool:

@@ -11,8 +11,8 @@ from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
-from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
+from betterbench.wording import listed
 
 
 def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:

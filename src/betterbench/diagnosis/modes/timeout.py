@@ -10,8 +10,8 @@ from betterbench.diagnosis.analysis.halts import in_fingers, kept_at_its_place
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import OUTCOME_ALONE, Evidence, TrialDiagnosis
-from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
+from betterbench.wording import listed
 
 _BY_MECHANISM = sharper_by_rule(
     {

@@ -23,9 +23,10 @@ from betterbench.report.legend import AXIS_NAMES, LEGEND
 from betterbench.report.outcomes import task_title
 from betterbench.report.tables.table import Scalar, Table, to_csv
 from betterbench.report.wording import Figure
-from betterbench.statistics.wording import p_text, plural
+from betterbench.statistics.wording import p_text
 from betterbench.tasks import get_task
 from betterbench.version import __version__
+from betterbench.wording import plural
 
 FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 

@@ -14,7 +14,7 @@ from betterbench.quoting import markdown_code
 from betterbench.report.html import data_uri, environment, write
 from betterbench.report.pages.power_page import blind_sentences, blind_table
 from betterbench.statistics import Rate, percent
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

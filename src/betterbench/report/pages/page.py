@@ -32,9 +32,10 @@ from betterbench.report.tables.matrices import Matrix, matrices_of
 from betterbench.report.tables.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.task_views import task_views
 from betterbench.report.wording import THIN, Figure
-from betterbench.statistics.wording import listed, p_text, plural
+from betterbench.statistics.wording import p_text
 from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
+from betterbench.wording import listed, plural
 
 STRIP_FRAMES = 3
 """Number of frames in the film strip on the first screen: reach, evidence and outcome, in this order."""

@@ -27,8 +27,8 @@ from betterbench.report.html import environment, write
 from betterbench.report.pages.not_shown import not_shown
 from betterbench.statistics import percent
 from betterbench.statistics.power import DEFAULT_ALPHA
-from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
+from betterbench.wording import listed, plural
 
 RAW, CORRECTED = "°", "*"
 """Marks of cells that are significantly above chance only before the correction over all cells, or also after it."""

@@ -12,8 +12,9 @@ from betterbench.report.outcomes import is_abroad
 from betterbench.report.pages.calibration_page import calibration_summary, rate_text
 from betterbench.report.pages.power_page import flagged, redundant
 from betterbench.statistics import Rate
-from betterbench.statistics.wording import listed, points
+from betterbench.statistics.wording import points
 from betterbench.tasks import SUITE_VERSION, Expected, get_task
+from betterbench.wording import listed
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:

@@ -6,13 +6,13 @@ import itertools
 from collections.abc import Iterator
 
 from betterbench.interface.state import ObjectInfo
-from betterbench.statistics.wording import listed
 from betterbench.tasks.relations.layer import LAYER
 from betterbench.tasks.relations.on_plate import ON_PLATE
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
+from betterbench.wording import listed
 
 HIGHER_M = 0.008
 """Minimum difference in height for "higher" [m]. Layers are at least 10 mm thick."""

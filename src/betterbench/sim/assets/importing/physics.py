@@ -10,7 +10,7 @@ from betterbench.sim.assets.importing.hulls import MOST_HULLS, filled_share, fit
 from betterbench.sim.assets.importing.measures import depth_in_hull
 from betterbench.sim.assets.importing.solid import mass_of_cells
 from betterbench.sim.assets.importing.upright import Placed
-from betterbench.statistics.wording import plural
+from betterbench.wording import plural
 
 _LIGHTEST_KG, _HEAVIEST_KG = 0.001, 20.0
 """Range of plausible masses [kg]. A stated mass outside this range is a placeholder, or the object is not a tabletop

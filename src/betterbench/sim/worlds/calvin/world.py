@@ -41,7 +41,6 @@ from betterbench.sim.worlds.scene import (
     require_image,
 )
 from betterbench.sim.worlds.world import Instructed, PlanRequest
-from betterbench.statistics.wording import plural
 from betterbench.tasks import Expected, Truth
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.calvin import (
@@ -62,6 +61,7 @@ from betterbench.tasks.worlds.calvin.starts import BLOCKS, DRAWER_OPEN_M, SLIDER
 from betterbench.tasks.worlds.calvin.suites import CALVIN, CHAIN_SUITES, OFFICIAL
 from betterbench.tasks.worlds.facts import WorldFacts
 from betterbench.tasks.worlds.libero import FieldProtocol
+from betterbench.wording import plural
 
 logger = logging.getLogger(__name__)
 

@@ -17,12 +17,12 @@ from betterbench.sim.worlds.installation import Installation
 from betterbench.sim.worlds.process import WorldError, WorldProcess, as_agreed, sent_text, sent_texts
 from betterbench.sim.worlds.scene import ProcessWorld, WorldTask, task_id
 from betterbench.sim.worlds.world import Photo, PlanRequest
-from betterbench.statistics.wording import plural
 from betterbench.tasks import Expected
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.facts import WorldFacts
 from betterbench.tasks.worlds.libero import CONTROL_RATE_HZ, LIBERO, OURS, STATES, protocol_named, suite_named
 from betterbench.tasks.worlds.libero_training import TrainedTask
+from betterbench.wording import plural
 
 INSTALLATION = Installation(
     LIBERO.name,

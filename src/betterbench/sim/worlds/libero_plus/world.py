@@ -17,13 +17,13 @@ from betterbench.sim.worlds.libero.world import LiberoWorld, require_states, tra
 from betterbench.sim.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
 from betterbench.sim.worlds.scene import WorldTask, task_id
 from betterbench.sim.worlds.world import PlanRequest
-from betterbench.statistics.wording import plural
 from betterbench.tasks import Expected
 from betterbench.tasks.trial import Trial
 from betterbench.tasks.worlds.facts import WorldFacts
 from betterbench.tasks.worlds.libero import LIBERO_PLUS, PLUS_SUITES, STATES, protocol_named, suite_named
 from betterbench.tasks.worlds.libero_plus import AXES, read_variant
 from betterbench.tasks.worlds.libero_training import TrainedTask
+from betterbench.wording import plural
 
 INSTALLATION = Installation(
     LIBERO_PLUS.name,
