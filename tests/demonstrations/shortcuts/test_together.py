@@ -21,7 +21,7 @@ from betterbench.demonstrations.shortcuts.page import audit_lines
 from betterbench.demonstrations.shortcuts.pairs import telling_pairs
 from betterbench.demonstrations.shortcuts.words import names_a_place, places_named
 
-CLEAN_SEEDS = 20
+CLEAN_SEEDS = range(10)
 
 
 def audited(path):
@@ -30,14 +30,13 @@ def audited(path):
 
 
 SEEDS = range(3)
-SEVERAL_WORDS = each(
-    "planted, count, noise",
-    [(p, n, noise) for p in TOGETHER for n, noise in ((60, 0.0), (90, 0.1), (120, 0.2)) if (p, n) != ("three", 60)],
-)
+SEVERAL_WORDS = [
+    (p, n, noise) for n, noise in ((60, 0.0), (90, 0.1), (120, 0.2)) for p in TOGETHER if (p, n) != ("three", 60)
+]
 
 
 @pytest.mark.usefixtures("only_findings")
-@SEVERAL_WORDS
+@each("planted, count, noise", part_of_today(SEVERAL_WORDS, 2))
 def test_rules_of_several_words_are_found_in_strangers_sets(tmp_path_factory, planted, count, noise):
     """Where chance decides a share of the episodes, half of these still go by the rule; another seed each day."""
     find_rules(tmp_path_factory, planted, count, noise, part_of_today(SEEDS, 3))
@@ -45,7 +44,7 @@ def test_rules_of_several_words_are_found_in_strangers_sets(tmp_path_factory, pl
 
 @pytest.mark.usefixtures("only_findings")
 @pytest.mark.slow
-@SEVERAL_WORDS
+@each("planted, count, noise", SEVERAL_WORDS)
 def test_rules_of_several_words_are_found_with_every_seed(tmp_path_factory, planted, count, noise):
     find_rules(tmp_path_factory, planted, count, noise, SEEDS)
 
@@ -60,15 +59,18 @@ def find_rules(tmp_path_factory, planted, count, noise, seeds):
 
 
 @pytest.mark.usefixtures("only_findings")
-def test_clean_sets_are_clean(tmp_path):
-    """At a level of 5 % over all questions one of 20 sets is expected to have a finding."""
+@pytest.mark.parametrize(
+    "seeds", [part_of_today(CLEAN_SEEDS, 3), pytest.param(CLEAN_SEEDS, marks=pytest.mark.slow)], ids=len
+)
+def test_clean_sets_are_clean(tmp_path, seeds):
+    """At a level of 5 % over all questions one of 20 sets is expected to have a finding; each day a third has none."""
     accused = [
         (planted, count, seed)
         for planted, count in (("clean", 60), ("clean order", 120))
-        for seed in range(CLEAN_SEEDS // 2)
+        for seed in seeds
         if audited(make(tmp_path / f"{planted} {seed}" / "set", "plain", planted, seed=seed, count=count)).shortcuts
     ]
-    assert len(accused) <= 1, accused
+    assert len(accused) <= len(seeds) // 10, accused
 
 
 def placed(instruction, side, number, *, group="own set", steps=None):
