@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.kept_views import KeptViews
 
 from betterbench.demonstrations.export import (
@@ -201,7 +202,7 @@ def require_same_episodes(episodes, layout, demonstrations, *, exact: bool) -> N
             require_same_action(layout, frame[layout.action.name], record, row, observation)
 
 
-@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+@pytest.mark.parametrize("preset", others_slow(["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)], 3))
 def test_a_lerobot_data_set_without_loss_is_what_was_shown(preset, demonstrations_in, tmp_path):
     demonstrations = demonstrations_in(OWN_PRESETS[preset].answer.space)
     plan = plan_of(demonstrations, tmp_path / "set", "lerobot", preset, form="png")
