@@ -10,13 +10,13 @@ import pytest
 from tests.daily import others_slow, part_of_today
 
 from betterbench.cli.main import main
-from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
+from betterbench.demonstrations.export import ExportPlan, export_dataset, job, layout_of, select_demonstrations
 from betterbench.demonstrations.shortcuts.lerobot import read_lerobot
 from betterbench.policies.conventions.presets import OWN_PRESETS
 from betterbench.tasks import TrialId
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "export"))
-from demonstrating import add_record, start_run
+from demonstrating import PaintedPictures, add_record, start_run
 
 pytestmark = [pytest.mark.physics]
 
@@ -42,7 +42,9 @@ def exported(run, out, name, form, most=None):
     layout = dataclasses.replace(layout_of(name), images=(), copies={})
     selection = select_demonstrations([run])
     selection = dataclasses.replace(selection, demonstrations=selection.demonstrations[:most])
-    export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "Pictures", PaintedPictures)  # without a process that renders nothing
+        export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
     return out
 
 
