@@ -112,7 +112,7 @@ def test_the_command_says_what_it_could_not_have_shown(tmp_path, capsys):
 
 
 def test_variations_without_risk_are_not_called_safe_by_a_small_set():
-    for demos, unsure in ((8, True), (240, False)):
+    for demos, unsure in ((8, True), (120, False)):
         audit = audit_dataset("few", facts_of("training", ["desk_meeting"], demos))
         said = doubt(audit, predict(audit))
         assert bool(said) is unsure, said

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from tests.daily import part_of_today
+from tests.daily import others_slow, part_of_today
 from tests.demonstrations.shortcuts.strangers import TOGETHER, make
 from tests.demonstrations.shortcuts.test_audit import facts_of
 from tests.looping import each
@@ -90,7 +90,7 @@ def sayings(draw, count, said=("red", "blue"), where=("new", "old")):
 
 
 @pytest.mark.usefixtures("only_findings")
-@pytest.mark.parametrize(("rule", "count"), [("xor", 60), ("and", 60), ("xor", 120), ("and", 120)])
+@pytest.mark.parametrize(("rule", "count"), others_slow([("xor", 60), ("and", 60), ("and", 120), ("xor", 120)], 2))
 def test_rules_of_two_words_are_found_in_our_own_sets(rule, count):
     for seed in range(5):
         draw, facts = np.random.default_rng(seed), []
