@@ -364,9 +364,9 @@ def test_every_kind_of_data_set_that_nobody_changed_holds_what_the_records_say(d
     assert found.pictures == 6 * (3 if name == "droid" else 2)
 
 
-@each("case", part_of_today(CASES, 6), lambda case: f"{case[0]}: {case[2]}")
+@each("case", part_of_today(CASES, 9), lambda case: f"{case[0]}: {case[2]}")
 def test_a_check_names_whatever_is_not_so(demonstrations, sets, tmp_path, case):
-    """Every sixth change, others each day."""
+    """Every ninth change, others each day."""
     require_named(demonstrations, sets, tmp_path, case)
 
 

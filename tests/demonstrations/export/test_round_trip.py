@@ -54,7 +54,9 @@ OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 
 SPACE_OF_TODAY = part_of_today([*ROBOT_ACTION_SPACES], len(ROBOT_ACTION_SPACES))[0]
 """Of the action spaces of robots, each has demonstrations of its own, so the default tests have one each day."""
+ONE_ROOM = [name for name in OF_RECORDED if name.endswith("_10")]
 SLOW = {f"lerobot_{space}" for space in ROBOT_ACTION_SPACES if space != SPACE_OF_TODAY}
+SLOW |= {*ONE_ROOM} - {*part_of_today(ONE_ROOM, 5)}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -60,10 +60,10 @@ def find_rules(tmp_path_factory, planted, count, noise, seeds):
 
 @pytest.mark.usefixtures("only_findings")
 @pytest.mark.parametrize(
-    "seeds", [part_of_today(CLEAN_SEEDS, 3), pytest.param(CLEAN_SEEDS, marks=pytest.mark.slow)], ids=len
+    "seeds", [part_of_today(CLEAN_SEEDS, 5), pytest.param(CLEAN_SEEDS, marks=pytest.mark.slow)], ids=len
 )
 def test_clean_sets_are_clean(tmp_path, seeds):
-    """At a level of 5 % over all questions one of 20 sets is expected to have a finding; each day a third has none."""
+    """At a level of 5 % over all questions one of 20 sets is expected to have a finding; each day a fifth has none."""
     accused = [
         (planted, count, seed)
         for planted, count in (("clean", 60), ("clean order", 120))
@@ -114,14 +114,15 @@ def orders(draw, count, rule):
 
 
 @pytest.mark.usefixtures("only_findings")
-def test_orders_that_two_words_decide_are_found_in_our_own_sets_and_clean_ones_are_clean():
-    for seed in range(3):
+@pytest.mark.parametrize("seeds", [part_of_today(range(5), 3), pytest.param(range(5), marks=pytest.mark.slow)], ids=len)
+def test_orders_that_two_words_decide_are_found_in_our_own_sets_and_clean_ones_are_clean(seeds):
+    for seed in seeds[:3]:
         draw = np.random.default_rng(seed)
         (group,) = audit_dataset("own", list(orders(draw, 80, lambda a, b, _: a ^ b))).groups
         asked = {f.question for f in group.shortcuts}
         assert {name for name in asked if name.startswith(("words_order", "words_first_object"))}, asked
         assert not {name for name in asked if "place" in name or "target" in name}
-    clean = [audit_dataset("own", list(orders(np.random.default_rng(s), 80, chance))).groups[0] for s in range(5)]
+    clean = [audit_dataset("own", list(orders(np.random.default_rng(s), 80, chance))).groups[0] for s in seeds]
     assert not any(map(about_words, clean))
 
 
