@@ -1,17 +1,31 @@
 """Folders of protocols for tests: trials of scripted joint states, and entries of people."""
 
+import functools
+
 from tests.real.joint_script import Script
 
+from betterbench.jobs.decisions import now
 from betterbench.real.plan import RealPolicy, make_plan, write_plan
-from betterbench.real.record import Film, RealJournal, TrialHeader, enter, write_attempt
+from betterbench.real.record import (
+    ENTRIES_NAME,
+    Entry,
+    EntryJournal,
+    Film,
+    RealJournal,
+    Seen,
+    TrialHeader,
+    write_attempt,
+)
 
 POLICIES = (RealPolicy("first policy", "zoo:first"), RealPolicy("second policy", "zoo:second"))
 
 
+@functools.cache
 def still():
     return Script(noise=1).wait(12.0).samples()
 
 
+@functools.cache
 def packs():
     script = Script(noise=2).wait(0.5)
     script.turn(1.0, pan=15.0).grasp().turn(1.5, pan=-60.0, command=27.0).jaw(60.0)
@@ -47,7 +61,8 @@ def judge(folder, person, choose, *, role="judge"):
     """Enter ``choose(planned)`` for every trial of a plan."""
     from betterbench.real.plan import read_plan
 
-    for planned in read_plan(folder).trials:
-        outcome = choose(planned)
-        if outcome is not None:
-            enter(folder, planned.code, 1, author=person, role=role, outcome=outcome, note="seen")
+    with EntryJournal(folder / ENTRIES_NAME) as journal:
+        for planned in read_plan(folder).trials:
+            outcome = choose(planned)
+            if outcome is not None:
+                journal.append(Entry(planned.code, 1, person, role, now(), Seen(outcome, "seen")))

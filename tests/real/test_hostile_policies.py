@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 from tests.real.test_loop import Bench
 
 from betterbench.real import asking
@@ -28,20 +29,23 @@ def hostile_bench(folder, options, **limits):
 
 @pytest.mark.parametrize(
     ("how", "says"),
-    [
-        ("strings", "number"),
-        ("numbers_as_text", "number"),
-        ("infinite", "finite"),
-        ("short", "(5,)"),
-        ("empty", "(0, 6)"),
-        ("ragged", "ValueError"),
-        ("none", "expected an array of numbers"),
-        ("deep", "(2, 2, 6)"),
-        ("complex", "number"),
-        ("vanishes", "Vanish: gone"),
-        ("exits", "SystemExit"),
-        ("interrupts", "KeyboardInterrupt"),
-    ],
+    others_slow(
+        [
+            ("strings", "number"),
+            ("numbers_as_text", "number"),
+            ("infinite", "finite"),
+            ("short", "(5,)"),
+            ("empty", "(0, 6)"),
+            ("ragged", "ValueError"),
+            ("none", "expected an array of numbers"),
+            ("deep", "(2, 2, 6)"),
+            ("complex", "number"),
+            ("vanishes", "Vanish: gone"),
+            ("exits", "SystemExit"),
+            ("interrupts", "KeyboardInterrupt"),
+        ],
+        3,
+    ),
 )
 def test_an_answer_that_is_no_action_ends_the_trial_at_once(tmp_path, how, says):
     bench = hostile_bench(tmp_path, f"how={how}")
@@ -52,7 +56,7 @@ def test_an_answer_that_is_no_action_ends_the_trial_at_once(tmp_path, how, says)
     assert np.isfinite(bench.samples.command).all()
 
 
-@pytest.mark.parametrize("how", ["jumps", "tiny_and_huge"])
+@pytest.mark.parametrize("how", others_slow(["jumps", "tiny_and_huge"], 2))
 def test_huge_jumps_reach_the_arm_within_all_limits(tmp_path, how):
     bench = hostile_bench(tmp_path, f"how={how}")
     try:

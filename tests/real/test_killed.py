@@ -98,7 +98,7 @@ with RealJournal(folder) as journal:
 """
 
 
-@pytest.mark.parametrize(("at", "when"), others_slow(itertools.product([1, 2, 3], ["before", "after"]), 2))
+@pytest.mark.parametrize(("at", "when"), others_slow(itertools.product([1, 2, 3], ["before", "after"]), 6))
 def test_a_kill_while_samples_film_or_header_are_written_loses_that_attempt_alone(tmp_path, at, when):
     from tests.real.protocols import header_of, packs
 

@@ -43,14 +43,15 @@ def wild(rng):
     return asked
 
 
+@pytest.mark.parametrize("steps", [2_500, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("unit", others_slow(["degrees", "normalized"], 2))
-def test_limits_are_never_exceeded_in_10000_random_steps(unit):
+def test_limits_are_never_exceeded_in_random_steps(unit, steps):
     rng = np.random.default_rng(48)
     limiter, state = limiter_of(unit)
     limits, last = limiter.limits, limiter.last
     low, high = np.array(limits.box_low), np.array(limits.box_high)
     changed = 0
-    for _ in range(10_000):
+    for _ in range(steps):
         load = np.where(rng.random(6) < 0.05, 1.0, 0.1)
         given = limiter.limit(wild(rng), state, load)
         command, step = given.command, given.command - last
@@ -66,7 +67,7 @@ def test_limits_are_never_exceeded_in_10000_random_steps(unit):
         last = command
         state = state + 0.6 * (command - state) + rng.normal(0.0, 0.2, 6)  # servos that lag and tremble
         changed += bool(given.by)
-    assert changed > 5_000
+    assert changed > steps // 2
 
 
 def test_a_sensible_command_passes_unchanged():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 from betterbench.errors import InvalidInputError
 from betterbench.real.overlap import measure_agreement
@@ -44,7 +45,7 @@ def compare(plan, trials, twin):
     return lambda name, **faults: measure_agreement(live(plan, trials[name], **faults), twin.view(trials[name]))
 
 
-@pytest.mark.parametrize("condition", ["train1", "O1"])
+@pytest.mark.parametrize("condition", others_slow(["train1", "O1"], 2))
 @pytest.mark.parametrize("light", [{}, {"light": 0.6, "tint": (1.0, 0.9, 0.75)}, {"light": 1.3}])
 def test_the_right_scene_is_accepted_under_another_light(compare, condition, light):
     found = compare(condition, **light)
@@ -63,7 +64,7 @@ def test_the_right_scene_is_accepted_under_another_light(compare, condition, lig
         ((0.0, -0.03), "too far to the arm's right"),
     ],
 )
-@pytest.mark.parametrize("name", ["lemon", "soap_bar"])
+@pytest.mark.parametrize("name", others_slow(["lemon", "soap_bar"], 2))
 def test_an_object_3_cm_off_is_named_with_its_direction(compare, name, shift, says):
     found = compare("train1", moved={name: shift})
     assert not found.accepted

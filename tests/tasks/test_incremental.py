@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from tests.daily import part_of_today
 
 from betterbench.geometry import from_yaw
 from betterbench.interface.actions import EE_DELTA
@@ -35,14 +36,15 @@ def test_every_relation_is_compared():
     assert set(TASKS) == set(RELATIONS)
 
 
+@pytest.mark.parametrize("steps", [40, pytest.param(120, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["breakfast_table", *TASKS.values()])
-def test_places_after_changes_are_those_of_the_whole_state(name: str) -> None:
+def test_places_after_changes_are_those_of_the_whole_state(name: str, steps: int) -> None:
     task = get_task(name)
     scene = Scene(task, task.training[0], seed=3, action_space=EE_DELTA, quality=FAST)
     state, random = scene.reset(), np.random.default_rng(4)
     targets = Targets(asked_by(scene.condition), scene.info, placing=task.template.relation)
     tracker, memory, truths = _tracker(scene), JudgingMemory(targets), set()
-    for step in range(120):
+    for step in range(steps):
         state = dataclasses.replace(_changed(state, targets, random), step=step)
         relations = tracker.update(state).relations
         assert memory.places(state) == targets.places(state), step
@@ -99,8 +101,9 @@ READERS: dict[str, Callable[[WorldState, str, str], object]] = {
 }
 
 
+@pytest.mark.parametrize("steps", [75, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("what", list(READERS))
-def test_a_predicate_may_read_anything_of_a_state(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_predicate_may_read_anything_of_a_state(what: str, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     read = READERS[what]
     scene = _scene()
     state = scene.reset()
@@ -110,7 +113,7 @@ def test_a_predicate_may_read_anything_of_a_state(what: str, monkeypatch: pytest
     targets = Targets(asked_by(scene.condition), scene.info, placing="inside")
     tracker, memory, found = _tracker(scene), JudgingMemory(targets), set()
     random = np.random.default_rng(5)
-    for step in range(150):
+    for step in range(steps):
         if random.random() < 0.6:
             state = _changed(state, changed, random)
         turned = int(random.integers(len(state.quaternions)))
@@ -129,11 +132,12 @@ def test_a_predicate_may_read_anything_of_a_state(what: str, monkeypatch: pytest
     assert len(found) > 1, "nothing has changed"
 
 
+@pytest.mark.parametrize("seeds", [part_of_today(range(4), 2), pytest.param(range(4), marks=pytest.mark.slow)], ids=len)
 @pytest.mark.parametrize("name", ["fast_food", "breakfast_table", "fruit_lunch", "dinner_plates"])
-def test_what_lasts_while_nothing_changes_is_what_is_found_again(name: str) -> None:
+def test_what_lasts_while_nothing_changes_is_what_is_found_again(name: str, seeds: Sequence[int]) -> None:
     """Things stay for a while, tremble, are let go and come to rest; each state is also judged in full."""
     task, seen, lasted = get_task(name), set(), 0
-    for seed in range(4):
+    for seed in seeds:
         scene = Scene(task, task.training[0], seed=seed, action_space=EE_DELTA, quality=FAST)
         state, random = scene.reset(), np.random.default_rng(seed)
         targets = Targets(asked_by(scene.condition), scene.info, placing=task.template.relation)
@@ -154,7 +158,7 @@ def test_what_lasts_while_nothing_changes_is_what_is_found_again(name: str) -> N
                 assert tracker.harm == in_full.harm
                 seen.add((truth.subgoals, truth.goal))
                 step += 1
-    assert lasted > 200
+    assert lasted > 50 * len(seeds)
     assert len(seen) > 1
 
 

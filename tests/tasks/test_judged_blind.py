@@ -1,6 +1,6 @@
 """Scenes that were judged blind from image and instruction: the text files say how, and hold the judgments.
 
-The first set is checked each day, and each of the others every sixth day.
+The first set is checked each day, and each of the others every eleventh day.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
     assert len(far) >= 5
 
 
-@in_turn(0, 6)
+@in_turn(0, 11)
 def test_scenes_posed_afterwards_agree_but_near_borders():
     """Six differ, four of them objects pushed by 4 to 5 cm: docs/sides.md lists them."""
     disagreed = [scene for scene in HELD_OUT if accepts(scene) is not scene.accepted]
@@ -111,7 +111,7 @@ def test_scenes_posed_afterwards_agree_but_near_borders():
     assert {scene.kind for scene in disagreed} <= {"beside", "on_plate", "harm"}
 
 
-@in_turn(1, 6)
+@in_turn(1, 11)
 def test_goals_posed_by_chance_are_what_people_accept():
     goals = [scene for scene in BY_CHANCE if scene.kind != "harm"]
     disagreed = [scene for scene in goals if accepts(scene) is not scene.accepted]
@@ -119,7 +119,7 @@ def test_goals_posed_by_chance_are_what_people_accept():
     assert 1.0 - len(disagreed) / len(goals) >= LEAST_AGREEMENT, disagreed
 
 
-@in_turn(0, 6)
+@in_turn(2, 11)
 def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
     """Two differ: a mug and an orange pushed by 6.0 and 9.5 cm, of which the judges were unsure."""
     harm = [scene for scene in BY_CHANCE if scene.kind == "harm"]
@@ -128,7 +128,7 @@ def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
     assert len(disagreed) <= 2, disagreed
 
 
-@in_turn(2, 6)
+@in_turn(3, 11)
 def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
     """Of 63 scenes 9 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and a speaker turned by 35 degrees."""
     disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
@@ -138,7 +138,7 @@ def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
     assert len(disagreed) - len(pushed) <= 1, disagreed
 
 
-@in_turn(3, 6)
+@in_turn(4, 11)
 def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
     """Two of 84 differ, and in each a judge is unsure: docs/sides.md lists them. Five did while drinks might lie."""
     disagreed = [scene for scene in AGAIN if accepts(scene) is not scene.accepted]
@@ -150,7 +150,7 @@ def test_scenes_posed_again_agree_wherever_the_judges_are_sure():
     ]
 
 
-@in_turn(1, 6)
+@in_turn(5, 11)
 def test_a_third_set_differs_only_where_the_judges_are_unsure():
     """Three of 65 differ, listed in docs/sides.md. Five did before cutlery was allowed to lie face down."""
     disagreed = [scene for scene in THIRD if accepts(scene) is not scene.accepted]
@@ -163,7 +163,7 @@ def test_a_third_set_differs_only_where_the_judges_are_unsure():
     ]
 
 
-@in_turn(2, 6)
+@in_turn(6, 11)
 def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure():
     """Ten of 60 differ; half lie close to a border. Fourteen did when they were judged."""
     disagreed = [scene for scene in FOURTH if accepts(scene) is not scene.accepted]
@@ -174,7 +174,7 @@ def test_a_fourth_set_near_the_borders_differs_only_where_the_judges_are_unsure(
     assert all(s.accepted for s in disagreed)  # the program accepted nothing that people do not
 
 
-@in_turn(4, 6)
+@in_turn(7, 11)
 def test_a_fifth_set_agrees_with_the_rules_that_it_changed():
     """Three of 66 differed: a plate 4.7 cm off center, a spoon 0.6 cm from a plate, a mug 27 cm from a laptop."""
     disagreed = [scene for scene in FIFTH if accepts(scene) is not scene.accepted]
@@ -182,7 +182,7 @@ def test_a_fifth_set_agrees_with_the_rules_that_it_changed():
     assert disagreed == []
 
 
-@in_turn(5, 6)
+@in_turn(8, 11)
 def test_a_seventh_set_written_by_hand_differs_only_where_the_judges_are_unsure():
     """Three of 72 differ, and the program denies all of them. docs/sides.md lists them."""
     disagreed = [scene for scene in SEVENTH if accepts(scene) is not scene.accepted]
@@ -194,7 +194,7 @@ def test_a_seventh_set_written_by_hand_differs_only_where_the_judges_are_unsure(
     }
 
 
-@in_turn(5, 6)
+@in_turn(9, 11)
 def test_an_eighth_set_written_by_hand_agrees():
     """The program agreed in all 72 scenes when they were judged; see docs/sides.md."""
     disagreed = [scene for scene in EIGHTH if accepts(scene) is not scene.accepted]
@@ -202,7 +202,7 @@ def test_an_eighth_set_written_by_hand_agrees():
     assert disagreed == []
 
 
-@in_turn(4, 6)
+@in_turn(10, 11)
 def test_a_sixth_set_differs_only_where_the_judges_are_unsure():
     """Two of 66 differ, and the program denies both. Three did before a speaker could be 24 cm behind a laptop."""
     disagreed = [scene for scene in SIXTH if accepts(scene) is not scene.accepted]

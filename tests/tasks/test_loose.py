@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 
 import numpy as np
+import pytest
 
 from betterbench.geometry import Pose, normalize
 from betterbench.interface.actions import EE_DELTA
@@ -27,12 +28,13 @@ def _in_full(state: WorldState, name: str, space: Pose, half_size: tuple[float, 
     return any(all(abs(v) <= max(h - OVERLAP, 0.0) for v, h in zip(p, half_size, strict=True)) for p in points)
 
 
-def test_whatever_the_postures_a_thing_reaches_into_a_box_by_one_of_its_points() -> None:
+@pytest.mark.parametrize("number", [1000, pytest.param(3000, marks=pytest.mark.slow)])
+def test_whatever_the_postures_a_thing_reaches_into_a_box_by_one_of_its_points(number: int) -> None:
     task = get_task("fast_food")
     scene = Scene(task, task.training[0], seed=3, action_space=EE_DELTA, quality=FAST)
     state, random = scene.reset(), np.random.default_rng(11)
     counts = {True: 0, False: 0}
-    for _ in range(3000):
+    for _ in range(number):
         name = str(random.choice([o.name for o in state.info.objects]))
         size = state.info.object(name).size_m
         half_size = tuple(random.uniform(0.01, 0.12, 3).tolist())
@@ -51,7 +53,7 @@ def test_whatever_the_postures_a_thing_reaches_into_a_box_by_one_of_its_points()
         wanted = _in_full(posed, name, space, half_size)
         assert reaches_into(posed, name, space, half_size) == wanted
         counts[wanted] += 1
-    assert min(counts.values()) > 500
+    assert min(counts.values()) > number // 6
 
 
 def test_a_thin_plate_under_a_bowl_does_not_lie_on_it() -> None:

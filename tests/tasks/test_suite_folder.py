@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import pytest
 from tests.looping import each
+from tests.tasks.forgetting import forgotten_tasks
 
+from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
+from betterbench.tasks import suite_tasks
 from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.suite_folder import HEAD, read_suite_folder, suite_files
-from betterbench.tasks.user_files import VARIABLE
+from betterbench.tasks.user_files import load_task_files, options_by_name, options_for, suite_file, suite_folder_of
 
 
 def forms():
@@ -100,77 +100,59 @@ class Ends:
 """
 
 
-def test_commands_take_the_folder(suite, tmp_path):
+def test_commands_take_the_folder(suite, tmp_path, capfd):
     """As ``--suite`` and as ``--task-file``; messages name ``--suite`` and the folder, and not each of its files."""
     out = tmp_path / "run"
     (tmp_path / "ends.py").write_text(ENDS, encoding="utf-8")
-    policy = f"python:{tmp_path / 'ends.py'}:Ends"
-    command = [sys.executable, "-m", "betterbench.cli", "eval", "--policy", policy, "--suite", str(suite)]
-    command += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
-    alone = {name: value for name, value in os.environ.items() if name != VARIABLE}  # without files of other tests
-    done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=False, env=alone)
-    assert "errors      2 trials ended with an error of the policy" in done.stdout, done.stdout + done.stderr
-    assert f"better report {out} --suite {suite}" in " ".join((done.stdout + done.stderr).split())
+    words = ["eval", "--policy", f"python:{tmp_path / 'ends.py'}:Ends", "--suite", str(suite), "--out", str(out)]
+    words += ["--variations", "shared_fruit_lunch/O1", "--trials", "1", "--uncertified", "--workers", "1"]
+    with forgotten_tasks():
+        main(words)
+    told = capfd.readouterr()
+    assert "errors      2 trials ended with an error of the policy" in told.out, told
+    assert f"better report {out} --suite {suite}" in " ".join((told.out + told.err).split())
     assert len(list((out / "task_files").iterdir())) == 2
-    said = [sys.executable, "-m", "betterbench.cli", "diagnose", str(out), "--task-file", str(suite), "--json"]
-    shown = json.loads(subprocess.run(said, capture_output=True, text=True, check=True, env=alone).stdout)
+    with forgotten_tasks():
+        assert main(["diagnose", str(out), "--task-file", str(suite), "--json"]) == 0
+    shown = json.loads(capfd.readouterr().out)
     assert {trial["task"] for trial in shown["trials"]} == {"shared_fruit_lunch"}
     shutil.rmtree(suite)
 
 
 def test_files_of_the_folder_belong_to_its_tasks_alone(suite):
-    """In a process of its own, because loaded tasks stay registered."""
     (suite / "power.json").write_text("{}")
-    code = (
-        "import sys; from pathlib import Path; from betterbench.tasks import suite_tasks; "
-        "from betterbench.tasks.user_files import suite_file; tasks = suite_tasks(sys.argv[1]); "
-        "print(suite_file(tasks, 'power.json'), suite_file(tasks[:1], 'power.json'), "
-        "suite_file(tasks, 'certificate.json'), suite_file([*tasks, 'fast_food'], 'power.json'), "
-        "suite_file(['fast_food'], 'power.json'), suite_file([], 'power.json'))"
-    )
-    words = [sys.executable, "-c", code, str(suite)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == [str(suite / "power.json")] * 2 + ["None"] * 4
+    with forgotten_tasks():
+        tasks = suite_tasks(str(suite))
+        found = [suite_file(tasks, "power.json"), suite_file(tasks[:1], "power.json")]
+        others = [
+            suite_file(tasks, "certificate.json"),
+            suite_file([*tasks, "fast_food"], "power.json"),
+            suite_file(["fast_food"], "power.json"),
+            suite_file([], "power.json"),
+        ]
+    assert found == [suite / "power.json"] * 2
+    assert others == [None] * 4
 
 
 def test_commands_for_others_name_the_folder_without_its_place(suite):
-    code = (
-        "import sys; from betterbench.tasks import suite_tasks; tasks = suite_tasks(sys.argv[1]); "
-        "from betterbench.tasks.user_files import options_by_name; "
-        "print(options_by_name(tasks), options_by_name(['fast_food']))"
-    )
-    words = [sys.executable, "-c", code, str(suite)]
-    clean = {name: value for name, value in os.environ.items() if name != VARIABLE}  # of other tests
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
-    assert done.stdout == f"('--task-file', '{suite.name}') ()\n", done.stderr
-
-
-OPTIONS = (
-    "import sys; from betterbench.tasks.user_files import load_task_files, options_for, suite_folder_of; "
-    "load_task_files(sys.argv[1:]); print(options_for(['shared_fruit_lunch']).strip()); "
-    "print(suite_folder_of(['shared_fruit_lunch']), suite_folder_of(['fast_food']), suite_folder_of([]), "
-    "suite_folder_of(['shared_fruit_lunch', 'fast_food']))"
-)
-
-
-def options_with(*folders):
-    clean = {name: value for name, value in os.environ.items() if name != VARIABLE}
-    words = [sys.executable, "-c", OPTIONS, *map(str, folders)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    with forgotten_tasks():
+        assert options_by_name(suite_tasks(str(suite))) == ("--task-file", suite.name)
+        assert options_by_name(["fast_food"]) == ()
 
 
 def test_messages_name_the_suite_option_for_one_suite_and_files_for_several(suite, tmp_path):
     """``--suite`` can be given once."""
-    advised, folders = options_with(suite)
-    assert advised == f"--suite {suite}"
-    assert folders.split() == [str(suite), "None", "None", "None"]
-    form = dict(forms()["shared_fruit_lunch"], id="other_lunch")
-    name, files = suite_files("other", {"other_lunch": form})
-    other = tmp_path / name
-    for path, content in files.items():
-        (other / path).parent.mkdir(parents=True, exist_ok=True)
-        (other / path).write_bytes(content)
-    assert options_with(suite, other)[0] == f"--task-file {suite} --task-file {other}"
+    with forgotten_tasks():
+        load_task_files([suite])
+        assert options_for(["shared_fruit_lunch"]).strip() == f"--suite {suite}"
+        assert str(suite_folder_of(["shared_fruit_lunch"])) == str(suite)
+        for tasks in (["fast_food"], [], ["shared_fruit_lunch", "fast_food"]):
+            assert suite_folder_of(tasks) is None
+        form = dict(forms()["shared_fruit_lunch"], id="other_lunch")
+        name, files = suite_files("other", {"other_lunch": form})
+        other = tmp_path / name
+        for path, content in files.items():
+            (other / path).parent.mkdir(parents=True, exist_ok=True)
+            (other / path).write_bytes(content)
+        load_task_files([other])
+        assert options_for(["shared_fruit_lunch"]).strip() == f"--task-file {suite} --task-file {other}"

@@ -5,18 +5,18 @@ from __future__ import annotations
 import copy
 import json
 import os
-import subprocess
-import sys
 
 import pytest
 from tests.looping import each
+from tests.tasks.forgetting import forgotten_tasks
 
 from betterbench.errors import InvalidInputError
 from betterbench.tasks import Operation, all_tasks, get_task, task_from_json, task_to_json
 from betterbench.tasks.authoring.operations import operation
+from betterbench.tasks.authoring.registry import notes_of
 from betterbench.tasks.authoring.task_form import task_forms
 from betterbench.tasks.interventions import vary
-from betterbench.tasks.user_files import VARIABLE
+from betterbench.tasks.user_files import VARIABLE, code_of, options_for
 
 
 @each("task", all_tasks(), lambda t: t.id)
@@ -146,16 +146,12 @@ def test_a_json_file_is_loaded_like_a_task_file(tmp_path):
     form["id"] = "json_lunch"
     path = tmp_path / "lunch.json"
     path.write_text(json.dumps(form))
-    code = (
-        "from betterbench.tasks import get_task; from betterbench.tasks.authoring.registry import notes_of; "
-        "from betterbench.tasks.user_files import code_of, options_for; t = get_task('json_lunch'); "
-        "assert t.training[0].id == 'json_lunch/train1'; assert 'Randomizations' in notes_of('json_lunch'); "
-        "assert code_of('task', 'json_lunch').startswith('sha256 '); print(options_for(['json_lunch']))"
-    )
-    environment = {**os.environ, VARIABLE: str(path)}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert str(path) in done.stdout
+    with forgotten_tasks():
+        os.environ[VARIABLE] = str(path)
+        assert get_task("json_lunch").training[0].id == "json_lunch/train1"
+        assert "Randomizations" in notes_of("json_lunch")
+        assert code_of("task", "json_lunch").startswith("sha256 ")
+        assert str(path) in options_for(["json_lunch"])
 
 
 def test_a_damaged_json_file_is_named(tmp_path):

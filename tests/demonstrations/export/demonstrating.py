@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,6 +92,14 @@ def twins_run(path: Path, demonstrations: Demonstrations) -> tuple[RunFolder, Tw
     return run, pair
 
 
+@functools.cache
+def painted(shift: int, width: int, height: int) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    picture = np.stack([x // 2 + shift % 90, y // 2 + shift % 70, (x + y) // 4], axis=2).astype(np.uint8)
+    picture.setflags(write=False)
+    return picture
+
+
 class PaintedPictures(pictures_module.Pictures):
     """Pictures of noise over a ramp, which follow from the state and cost nothing."""
 
@@ -103,9 +112,7 @@ class PaintedPictures(pictures_module.Pictures):
 
     @staticmethod
     def _paint(qpos: np.ndarray, camera: int, width: int, height: int) -> np.ndarray:
-        x, y = np.meshgrid(np.arange(width), np.arange(height))
-        shift = int(abs(qpos[:9]).sum() * 40) + 50 * camera
-        return np.stack([x // 2 + shift % 90, y // 2 + shift % 70, (x + y) // 4], axis=2).astype(np.uint8)
+        return painted(int(abs(qpos[:9]).sum() * 40) + 50 * camera, width, height)
 
     def stop(self) -> None:
         """Nothing is open."""

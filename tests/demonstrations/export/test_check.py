@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
-from tests.daily import part_of_today
+from tests.daily import others_slow, part_of_today
 from tests.looping import each
 
 from betterbench.cli.main import main
@@ -54,14 +54,20 @@ VIDEO = "videos/observation.images.front"
 
 @pytest.fixture(scope="module")
 def sets(demonstrations, tmp_path_factory) -> dict[str, Path]:
-    """A data set of every kind, which nobody changed."""
+    """A data set of every kind, which nobody changed; each is made when a test first asks for it."""
     made, runs = tmp_path_factory.mktemp("sets"), [demonstrations.run]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job, "Pictures", PaintedPictures)
-        for name, (to, preset, options) in EXPORTS.items():
-            chosen = select_demonstrations(runs)
-            export_dataset(ExportPlan(runs, chosen, layout_of(preset), to, made / name, **options))
-    return {name: made / name for name in EXPORTS}
+
+    class Sets(dict):
+        def __missing__(self, name):
+            to, preset, options = EXPORTS[name]
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(job, "Pictures", PaintedPictures)
+                chosen = select_demonstrations(runs)
+                export_dataset(ExportPlan(runs, chosen, layout_of(preset), to, made / name, **options))
+            self[name] = made / name
+            return self[name]
+
+    return Sets()
 
 
 def copy_of(sets, name: str, tmp_path: Path) -> Path:
@@ -351,16 +357,16 @@ FIELDS = {
 CASES = [(name, *case) for name, cases in FIELDS.items() if H5PY or name != "hdf5" for case in cases]
 
 
-def test_every_kind_of_data_set_that_nobody_changed_holds_what_the_records_say(demonstrations, sets):
-    for path in sets.values():
-        found = check_export([demonstrations.run], path)
-        assert (found.episodes, found.frames) == (2, 18)
-        assert found.pictures == 6 * (3 if path.name == "droid" else 2)
+@pytest.mark.parametrize("name", others_slow(EXPORTS, 3))
+def test_every_kind_of_data_set_that_nobody_changed_holds_what_the_records_say(demonstrations, sets, name):
+    found = check_export([demonstrations.run], sets[name])
+    assert (found.episodes, found.frames) == (2, 18)
+    assert found.pictures == 6 * (3 if name == "droid" else 2)
 
 
-@each("case", part_of_today(CASES, 3), lambda case: f"{case[0]}: {case[2]}")
+@each("case", part_of_today(CASES, 9), lambda case: f"{case[0]}: {case[2]}")
 def test_a_check_names_whatever_is_not_so(demonstrations, sets, tmp_path, case):
-    """Every third change, others each day."""
+    """Every ninth change, others each day."""
     require_named(demonstrations, sets, tmp_path, case)
 
 
@@ -436,9 +442,9 @@ EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(ran) (w) file closefil
 
 @each("data", [EPS, b"GIF89a" + bytes(40), b"\x89PNG\r\n\x1a\n" + bytes(40), b"", None], lambda d: ascii(d)[:16])
 def test_a_picture_is_read_as_png_and_as_nothing_else(demonstrations, sets, tmp_path, data):
-    if data is None:  # 20,000 x 20,000 pixels in 50 kB; one bit each, because eight take eight times as long to write
+    if data is None:  # 14,000 x 14,000 pixels in 25 kB; one bit each, because eight take eight times as long to write
         buffer = io.BytesIO()
-        Image.new("1", (20_000, 20_000)).save(buffer, "PNG")
+        Image.new("1", (14_000, 14_000)).save(buffer, "PNG", compress_level=1)
         data = buffer.getvalue()
     out = copy_of(sets, "png", tmp_path)
     table(DATA, lambda t: one_picture(t, 0, data))(out)
@@ -592,9 +598,10 @@ DAMAGE = (
 )  # fmt: skip
 
 
-def test_whatever_a_data_set_has_lost_a_check_is_one_line(demonstrations, sets, tmp_path):
+@pytest.mark.parametrize("damages", [part_of_today(DAMAGE, 3), pytest.param(DAMAGE, marks=pytest.mark.slow)], ids=len)
+def test_whatever_a_data_set_has_lost_a_check_is_one_line(demonstrations, sets, tmp_path, damages):
     out = copy_of(sets, "v3", tmp_path)
-    for number, (name, damage) in enumerate(DAMAGE):
+    for number, (name, damage) in enumerate(damages):
         whole = (out / name).read_bytes()
         damage(out / name)
         with pytest.raises(InvalidInputError) as told:

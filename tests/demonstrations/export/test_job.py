@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import re
+import resource
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -80,17 +79,26 @@ def test_bytes_do_not_depend_on_workers_or_interruptions(demonstrations, whole, 
     assert not list(tmp_path.glob(".set*"))
 
 
-def test_a_damaged_part_is_made_again(demonstrations, whole, tmp_path, monkeypatch):
-    def stopped(*arguments):
+@pytest.fixture(scope="module")
+def all_parts(demonstrations, tmp_path_factory):
+    """What an export leaves that was stopped when all its parts were made. Tests change copies of it."""
+
+    def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(job, "_assemble", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
-    video = min((tmp_path / ".set.parts").rglob("0.mp4"))
+    out = tmp_path_factory.mktemp("stopped") / "set"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "Pictures", PaintedPictures)
+        patch.setattr(job, "_assemble", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            export_dataset(plan_of(demonstrations.run, out))
+    return out.with_name(".set.parts")
+
+
+def test_a_damaged_part_is_made_again(demonstrations, whole, all_parts, tmp_path):
+    parts = Path(shutil.copytree(all_parts, tmp_path / ".set.parts"))
+    video = min(parts.rglob("0.mp4"))
     video.write_bytes(video.read_bytes()[:-9] + b"unreadable")
-    monkeypatch.undo()
-    monkeypatch.setattr(job, "Pictures", PaintedPictures)
     assert export_dataset(plan_of(demonstrations.run, tmp_path / "set")).made == 1
     assert content(tmp_path / "set") == whole
 
@@ -106,19 +114,12 @@ def test_a_damaged_part_is_made_again(demonstrations, whole, tmp_path, monkeypat
         lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "seal"}).encode(),
     ],
 )
-def test_what_a_part_says_about_itself_is_under_its_seal(demonstrations, whole, tmp_path, monkeypatch, harm):
-    def stopped(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(job, "_assemble", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
-    index = min((tmp_path / ".set.parts").rglob("part.json"), key=lambda p: b'"seed":0' not in p.read_bytes())
+def test_what_a_part_says_about_itself_is_under_its_seal(demonstrations, whole, all_parts, tmp_path, harm):
+    parts = Path(shutil.copytree(all_parts, tmp_path / ".set.parts"))
+    index = min(parts.rglob("part.json"), key=lambda p: b'"seed":0' not in p.read_bytes())
     before = index.read_bytes()
     index.write_bytes(harm(before))
     assert index.read_bytes() != before
-    monkeypatch.undo()
-    monkeypatch.setattr(job, "Pictures", PaintedPictures)
     assert export_dataset(plan_of(demonstrations.run, tmp_path / "set")).made == 1
     assert content(tmp_path / "set") == whole
 
@@ -317,21 +318,18 @@ def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whol
         export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))
 
 
-def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path):
-    code = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        f"sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[3])]!r};"
-        "from demonstrating import PaintedPictures;"
-        "from betterbench.demonstrations.export import job; job.Pictures = PaintedPictures;"
-        "from betterbench.cli.main import main;"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000)); sys.exit(main(sys.argv[1:]))"
-    )
-    words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--out", str(tmp_path / "set")]
-    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}  # Python stores files of bytecode cut off at the limit
-    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False, env=whole)
-    assert ended.returncode == 2
-    assert "Traceback" not in ended.stderr
-    assert "File too large. Finished work is kept" in " ".join(ended.stderr.split())
+def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python stores files of bytecode cut off at the limit
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, before[1]))  # Python ignores the signal of the limit
+    try:
+        status = main(["export", str(demonstrations.run.path), "--to", "lerobot", "--out", str(tmp_path / "set")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert status == 2
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert "File too large. Finished work is kept" in " ".join(said.split())
     assert not (tmp_path / "set").exists()
 
 

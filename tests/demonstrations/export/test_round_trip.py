@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import part_of_today
 from tests.kept_views import KeptViews
 
 from betterbench.demonstrations.export import (
@@ -49,6 +50,13 @@ OF_RECORDED = [
 ]
 OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 """Ending of a preset that differs from the one that ends with _10 in the origin of LIBERO's world alone."""
+
+
+SPACE_OF_TODAY = part_of_today([*ROBOT_ACTION_SPACES], len(ROBOT_ACTION_SPACES))[0]
+"""Of the action spaces of robots, each has demonstrations of its own, so the default tests have one each day."""
+ONE_ROOM = [name for name in OF_RECORDED if name.endswith("_10")]
+SLOW = {f"lerobot_{space}" for space in ROBOT_ACTION_SPACES if space != SPACE_OF_TODAY}
+SLOW |= {*ONE_ROOM} - {*part_of_today(ONE_ROOM, 5)}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -159,7 +167,7 @@ def require_same_action(layout, stored: np.ndarray, record, row: int, observatio
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if OTHER_ROOM.search(n) else n for n in OF_RECORDED]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW or OTHER_ROOM.search(n) else n for n in OF_RECORDED]
 )
 def test_frames_of_every_preset_are_its_requests_and_answers(name, demonstrations_in, drawn_in):
     layout, space = layout_of(name), OWN_PRESETS[name].answer.space
@@ -201,7 +209,13 @@ def require_same_episodes(episodes, layout, demonstrations, *, exact: bool) -> N
             require_same_action(layout, frame[layout.action.name], record, row, observation)
 
 
-@pytest.mark.parametrize("preset", ["lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES)])
+@pytest.mark.parametrize(
+    "preset",
+    [
+        pytest.param(n, marks=() if n == f"lerobot_{SPACE_OF_TODAY}" else pytest.mark.slow)
+        for n in ("lerobot", *(f"lerobot_{space}" for space in ROBOT_ACTION_SPACES))
+    ],
+)
 def test_a_lerobot_data_set_without_loss_is_what_was_shown(preset, demonstrations_in, tmp_path):
     demonstrations = demonstrations_in(OWN_PRESETS[preset].answer.space)
     plan = plan_of(demonstrations, tmp_path / "set", "lerobot", preset, form="png")

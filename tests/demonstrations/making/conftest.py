@@ -1,4 +1,4 @@
-"""A small set of demonstrations, and what was amplified from it, made once for all tests."""
+"""What was amplified from the small set of demonstrations, made once for all tests."""
 
 from __future__ import annotations
 
@@ -6,16 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from betterbench.demonstrations.making.production import amplify, collect
+from betterbench.demonstrations.making.production import amplify
 from betterbench.records import RunFolder
-
-TASK = "morning_coffee"
-
-
-@pytest.fixture(scope="session")
-def sources(tmp_path_factory) -> RunFolder:
-    """One demonstration per training condition of the shortest task."""
-    return collect([TASK], tmp_path_factory.mktemp("demonstrations") / "sources", demos=1)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.daily import others_slow
 
 from betterbench.demonstrations.making.starts import (
     FIRST_AMPLIFIED_SEED,
@@ -24,13 +25,15 @@ def test_a_larger_set_holds_the_smaller_one():
     assert set(few) < set(many)
 
 
-def test_no_seed_is_used_twice_and_none_is_that_of_a_test():
-    for task in map(get_task, ("fast_food", "office_drawer", "desk_meeting")):  # of 2, 8 and 12 training conditions
-        starts = planned_starts(task, 2, first_seed=FIRST_DEMONSTRATION_SEED)
-        seeds = [start.seed for start in starts]
-        seeds += [replacement(task, start, 1, first_seed=FIRST_DEMONSTRATION_SEED).seed for start in starts]
-        assert len(set(seeds)) == len(seeds) == 4 * len(task.training)
-        assert min(seeds) >= FIRST_DEMONSTRATION_SEED
+@pytest.mark.parametrize("name", others_slow(["fast_food", "office_drawer", "desk_meeting"], 3))
+def test_no_seed_is_used_twice_and_none_is_that_of_a_test(name):
+    """Of tasks with 2, 8 and 12 training conditions."""
+    task = get_task(name)
+    starts = planned_starts(task, 2, first_seed=FIRST_DEMONSTRATION_SEED)
+    seeds = [start.seed for start in starts]
+    seeds += [replacement(task, start, 1, first_seed=FIRST_DEMONSTRATION_SEED).seed for start in starts]
+    assert len(set(seeds)) == len(seeds) == 4 * len(task.training)
+    assert min(seeds) >= FIRST_DEMONSTRATION_SEED
 
 
 def test_every_level_is_one_that_the_factor_has():

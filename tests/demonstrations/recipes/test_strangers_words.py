@@ -69,7 +69,7 @@ def test_the_quality_is_one_of_ours(tmp_path, framework, word):
         trainer_setup(framework, recipe_of("better"), (str(data),))
 
 
-@pytest.mark.parametrize("framework", others_slow(FRAMEWORKS, 2))
+@pytest.mark.parametrize("framework", others_slow(FRAMEWORKS, 4))
 def test_commands_run_nothing_that_was_planted(tmp_path, framework):
     recipe = "libero" if framework == "openpi" else "better"
     names = tuple(dict.fromkeys(text[:200] for text in HOSTILE if not set("\ud800\udcff") & set(text)))

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.daily import others_slow
 from tests.looping import each
 
 from betterbench.cli.main import main
@@ -75,7 +76,7 @@ def made_up(
     return path
 
 
-@pytest.mark.parametrize(("version", "joints"), [("v3.0", False), ("v2.1", False), ("v3.0", True)])
+@pytest.mark.parametrize(("version", "joints"), others_slow([("v3.0", False), ("v2.1", False), ("v3.0", True)], 3))
 def test_the_planted_confound_is_found_and_nothing_else(tmp_path, version, joints):
     found = audit_dataset("made up", facts_of_lerobot(made_up(tmp_path / "set", version=version, joints=joints)))
     (group,) = found.groups

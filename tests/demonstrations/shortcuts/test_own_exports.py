@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from pathlib import Path
 
 import pytest
-from tests.daily import part_of_today
+from tests.daily import others_slow, part_of_today
 
 from betterbench.cli.main import main
-from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
-from betterbench.demonstrations.making.production import collect
+from betterbench.demonstrations.export import ExportPlan, export_dataset, job, layout_of, select_demonstrations
 from betterbench.demonstrations.shortcuts.lerobot import read_lerobot
 from betterbench.policies.conventions.presets import OWN_PRESETS
+from betterbench.tasks import TrialId
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "export"))
+from demonstrating import PaintedPictures, add_record, start_run
 
 pytestmark = [pytest.mark.physics]
 
 
 @pytest.fixture(scope="module")
-def collected(tmp_path_factory):
-    """Two demonstrations of each training condition: just enough for an audit."""
-    return collect(["morning_coffee"], tmp_path_factory.mktemp("collected") / "run", demos=2)
+def collected(sources, tmp_path_factory):
+    """Two demonstrations of each training condition, which differ in their seed: just enough for an audit."""
+    records = [
+        dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, seed=record.metadata.seed + more))
+        for more in (0, 1)
+        for record in sources.records()
+    ]
+    trials = [TrialId(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records]
+    run = start_run(tmp_path_factory.mktemp("collected") / "run", trials, policy=records[0].metadata.policy)
+    for record in records:
+        add_record(run, record)
+        run.store_scene(record.metadata.scene_hash, sources.load_scene(record.metadata.scene_hash))
+    return run
 
 
 def exported(run, out, name, form, most=None):
@@ -27,7 +42,9 @@ def exported(run, out, name, form, most=None):
     layout = dataclasses.replace(layout_of(name), images=(), copies={})
     selection = select_demonstrations([run])
     selection = dataclasses.replace(selection, demonstrations=selection.demonstrations[:most])
-    export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "Pictures", PaintedPictures)  # without a process that renders nothing
+        export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
     return out
 
 
@@ -66,7 +83,7 @@ def read_alike(collected, tmp_path, form, presets):
         assert place.space == spaces.get(name, wanted), name
 
 
-@pytest.mark.parametrize("name", ["openpi_droid", "starvla", "native"])
+@pytest.mark.parametrize("name", others_slow(["openpi_droid", "starvla", "native"], 3))
 def test_an_export_is_audited_by_the_command(collected, tmp_path, capsys, name):
     out = exported(collected, tmp_path / "set", name, "lerobot-v2.1")
     assert main(["shortcuts", str(out)]) == 0

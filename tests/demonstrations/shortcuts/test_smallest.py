@@ -46,7 +46,7 @@ def smallest(facts, question="words_first_place"):
     return next(rule for rule in group.smallest if rule.question == question)
 
 
-@pytest.mark.parametrize(("episodes", "kinds"), others_slow([(12, 2), (60, 4), (30, 3), (20, 2)], 2))
+@pytest.mark.parametrize(("episodes", "kinds"), others_slow([(12, 2), (60, 4), (30, 3), (20, 2)], 4))
 def test_a_rule_of_the_stated_size_is_found_and_a_much_weaker_one_mostly_not(episodes, kinds):
     draw = np.random.default_rng(episodes)
     share = smallest(planted(draw, episodes, 1.0, kinds=kinds)).least_share
@@ -57,12 +57,14 @@ def test_a_rule_of_the_stated_size_is_found_and_a_much_weaker_one_mostly_not(epi
     assert weak < 0.3
 
 
-@pytest.mark.parametrize("question", ["thing_place", "order", "first_step", "word_place"])
-def test_a_task_of_few_demonstrations_says_less_than_one_of_many(question):
-    few, many = (smallest(facts_of("training", ["fast_food"], demos), question) for demos in (8, 120))
-    assert many.least_share is not None
-    assert few.least_share is None or few.least_share >= many.least_share
-    assert few.n < many.n
+def test_a_task_of_few_demonstrations_says_less_than_one_of_many():
+    audits = (audit_dataset("planted", facts_of("training", ["fast_food"], demos)) for demos in (8, 120))
+    few, many = ({rule.question: rule for rule in audit.groups[0].smallest} for audit in audits)
+    for question in ("thing_place", "order", "first_step", "word_place"):
+        assert many[question].least_share is not None, question
+        least = few[question].least_share
+        assert least is None or least >= many[question].least_share, question
+        assert few[question].n < many[question].n, question
 
 
 def test_eight_demonstrations_cannot_show_an_order_and_say_so():
@@ -110,7 +112,7 @@ def test_the_command_says_what_it_could_not_have_shown(tmp_path, capsys):
 
 
 def test_variations_without_risk_are_not_called_safe_by_a_small_set():
-    for demos, unsure in ((8, True), (240, False)):
+    for demos, unsure in ((8, True), (120, False)):
         audit = audit_dataset("few", facts_of("training", ["desk_meeting"], demos))
         said = doubt(audit, predict(audit))
         assert bool(said) is unsure, said

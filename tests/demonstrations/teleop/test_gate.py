@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.daily import others_slow
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -158,7 +159,7 @@ def buttons(link):
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", others_slow([signal.SIGTERM, signal.SIGINT], 2))
 def test_a_signal_ends_it_within_two_seconds_in_the_midst_of_a_flood(tmp_path, number):
     command = [sys.executable, "-m", "betterbench.cli", "teleop", "--tasks", TASK, "--condition", CONDITION]
     command += ["--demos", "3", "--out", str(tmp_path / "run"), "--port", "0", "--devices", "none", "--cameras", "none"]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.daily import others_slow
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.physics
 TASK, CONDITION, SEED = "fruit_basket", "train1", 500_000_000
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", others_slow(robot_names(), 2))
 def test_every_target_that_an_operator_can_set_is_within_a_hands_breadth_of_its_reach(name):
     spec = robot(name)
     reach, ik = Reach.of(spec), ArmIK(spec)
