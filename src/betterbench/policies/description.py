@@ -19,7 +19,6 @@ from betterbench.errors import encodable
 from betterbench.interface import PolicyInfo
 from betterbench.json_form import parse_json
 from betterbench.policies.kinds.kind import defining_file
-from betterbench.tasks.user_files import loaded_files
 
 _MAX_DECLARED_BYTES = 1 << 18
 
@@ -36,6 +35,8 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
     If a metadata value contains JSON text, such as an adapter or a handshake, it is included as JSON rather than as
     text. If the policy kind is defined in a user's file, the description contains the file's name and SHA-256.
     """
+    from betterbench.tasks.user_files import loaded_files  # noqa: PLC0415 - a policy's own process loads no tasks
+
     place = defining_file(address)
     own = next((file for file in loaded_files() if file.path == place), None)
     return {
