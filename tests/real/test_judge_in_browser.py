@@ -193,7 +193,8 @@ def test_a_film_that_was_damaged_is_said_on_the_page_and_gets_no_entry(open_prog
     page.wait_until("document.getElementById('films').textContent.includes('This video cannot be shown')")
     program.press("Digit1", "1")
     page.wait_until("document.getElementById('message').className === 'problem'")
-    assert "video 1: its file is missing or was changed" in page.value("document.getElementById('message').textContent")
+    message = page.value("document.getElementById('message').textContent")
+    assert "video 1: cannot be shown, because its file is missing or was changed" in message
     program.press("ArrowRight", "ArrowRight")
     page.wait_until("state.film === 1")
     program.press("Digit1", "1")

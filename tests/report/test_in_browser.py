@@ -322,7 +322,7 @@ def test_a_report_with_unfinished_trials_says_so_and_claims_nothing_on_few(chrom
     assert chromium.complaints() == []
 
 
-@pytest.mark.parametrize("name", sorted(page.name for page in STUDIES.glob("*.html")))
+@pytest.mark.parametrize("name", others_slow(sorted(page.name for page in STUDIES.glob("*.html")), 5))
 def test_the_pages_of_the_studies_find_their_style_sheet(chromium, name):
     chromium.open(STUDIES / name, *LAPTOP)
     assert chromium.value("getComputedStyle(document.querySelector('table.study')).borderCollapse") == "collapse"
