@@ -17,15 +17,19 @@ WorkerMain = Callable[[WorkerSettings, Connection], None]
 _work: WorkerMain = pool.work
 
 
+def shortened(found: ResolvedCondition, steps: int, *, still: int | None = None) -> ResolvedCondition:
+    """Returns a resolved condition whose trials end after a few steps."""
+    limits = {"base_steps": steps, "steps_per_subgoal": 0, "still_steps": steps if still is None else still}
+    template = dataclasses.replace(found.task.template, **limits)
+    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+
+
 def in_few_steps(steps: int, *, still: int | None = None) -> Callable[[Trial], ResolvedCondition]:
     """Returns a method that resolves a trial to a task with a short step limit; other processes do not know it."""
     ordinary = Trial.resolve
 
     def resolve(trial: Trial) -> ResolvedCondition:
-        found = ordinary(trial)
-        limits = {"base_steps": steps, "steps_per_subgoal": 0, "still_steps": steps if still is None else still}
-        template = dataclasses.replace(found.task.template, **limits)
-        return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+        return shortened(ordinary(trial), steps, still=still)
 
     return resolve
 

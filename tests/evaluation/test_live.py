@@ -45,17 +45,11 @@ class Policy:
 SCRIPT = """
 import dataclasses, sys
 from pathlib import Path
+from tests.evaluation.few_steps import in_few_steps
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.tasks.trial import Trial
 
-resolved = Trial.resolve
-
-def brief(trial):
-    found = resolved(trial)
-    template = dataclasses.replace(found.task.template, base_steps=40, steps_per_subgoal=0, still_steps=40)
-    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
-
-Trial.resolve = brief
+Trial.resolve = in_few_steps(40)
 
 if __name__ == "__main__":
     plan = make_plan(
@@ -73,9 +67,10 @@ def running(folder: Path):
     script = folder / "run_waiting.py"
     script.write_text(textwrap.dedent(SCRIPT), encoding="utf-8")
     out = folder / "run"
+    sources = (Path(betterbench.__file__).parents[1], Path(__file__).parents[2])
     process = subprocess.Popen(
         [sys.executable, str(script), str(out), f"python:{folder / 'waits.py'}:Policy"],
-        env={**os.environ, "PYTHONPATH": str(Path(betterbench.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, sources))},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

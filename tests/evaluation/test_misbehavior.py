@@ -11,13 +11,14 @@ import signal
 import threading
 import time
 import uuid
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.evaluation import misbehaviors
 from tests.evaluation.conftest import content, tiny
+from tests.evaluation.few_steps import in_few_steps, shortened, worker_of_few_steps
 from tests.evaluation.misbehaviors import DO, MOMENTS, WHEN
 
 import betterbench
@@ -133,20 +134,8 @@ class Stage:
         return status, out, time.monotonic() - began
 
 
-def short(found):
-    """Returns a resolved condition whose trials end after a few steps."""
-    template = replace(found.task.template, base_steps=STEPS, steps_per_subgoal=0, still_steps=STEPS)
-    return replace(found, task=replace(found.task, template=template))
-
-
-def resolve_shortly(trial, ordinary=Trial.resolve):
-    return short(ordinary(trial))
-
-
-def work_shortly(settings, connection, ordinary=pool.work):
-    """The main function of a worker process whose trials are short."""
-    Trial.resolve = resolve_shortly
-    ordinary(settings, connection)
+resolve_shortly = in_few_steps(STEPS)
+work_shortly = worker_of_few_steps(STEPS)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +146,7 @@ def stage(tmp_path_factory):
         patch.setattr(Trial, "resolve", resolve_shortly)
         patch.setattr(pool, "work", work_shortly)
         resolve = replay.resolve_condition
-        patch.setattr(replay, "resolve_condition", lambda *names: short(resolve(*names)))
+        patch.setattr(replay, "resolve_condition", lambda *names: shortened(resolve(*names), STEPS))
         made = Stage(tmp_path_factory.mktemp("misbehavior"))
         status, out, _ = made.run()
         assert status == 0

@@ -135,6 +135,7 @@ def test_a_server_that_takes_few_connections_gets_no_more(tmp_path, caplog):
     assert {e.status for e in run.entries()} == {"done"}
     assert {r.n_steps for r in run.records()} == {STEPS}
     # On a busy machine, fewer may be open at the end: the server frees the place of an ended connection after a while.
+    assert max(numbers(run)) > 4.0
     assert numbers(run)[-1] <= 9.0
     assert "the policy accepts no further connection" in caplog.text
 
