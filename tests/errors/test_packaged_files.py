@@ -197,8 +197,14 @@ def test_an_error_in_the_code_of_a_policy_kind_names_the_file(better):
             "list tasks",
             r"Decorate the function that returns the task with @a\.task\.",
         ),
+        (
+            "policies/kinds/zz_toy.py",
+            KIND.replace("register(", "TOY = ("),
+            "list policies",
+            r"Pass the policy kind to register\.",
+        ),
     ],
-    ids=["mode", "relation", "task"],
+    ids=["mode", "relation", "task", "policy kind"],
 )
 def test_a_file_that_registers_nothing_is_named(better, place, source, command, cure):
     """It was ignored without a message."""

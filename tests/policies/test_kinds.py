@@ -62,15 +62,6 @@ def test_the_example_of_a_message_is_accepted(kind):
         found.parse(kind.form.example.replace("FILE.py:CLASS", "mine.py:Mine"))
 
 
-def test_each_file_of_the_folder_registers_a_kind():
-    shared = {"__init__.py", "authoring.py", "kind.py", "privileged.py", "remote.py"}
-    registering = {Path(place.file) for place in _REGISTERED_AT.values()}
-    for file in sorted(KINDS_FOLDER.glob("*.py")):
-        cure = "Call register(PolicyKind(...)) in this file (docs/adding-a-policy-kind.md)"
-        found = f"betterbench/policies/kinds/{file.name} registers nothing"
-        assert file.name in shared or file in registering, f"{found}. {cure}"
-
-
 @EACH_KIND
 def test_the_first_word_is_a_literal_where_the_file_makes_the_form(kind):
     """Reports read the reserved names from the text of these files."""

@@ -6,11 +6,7 @@ file imports simulators and server libraries only when a policy is created, beca
 imports the files of all kinds.
 """
 
-import importlib
-import pkgutil
-from pathlib import Path
-
-from betterbench.errors import errors_explained
+from betterbench.errors import import_registering
 from betterbench.policies.kinds.kind import (
     KINDS,
     PolicyEntry,
@@ -23,13 +19,18 @@ from betterbench.policies.kinds.kind import (
     make_policy,
     make_privileged,
     needs_of,
+    places_of_kinds,
     read_address,
     register,
 )
 
-for _module in pkgutil.iter_modules(__path__):
-    with errors_explained(str(Path(__path__[0]) / f"{_module.name}.py")):
-        importlib.import_module(f"{__name__}.{_module.name}")
+import_registering(
+    __name__,
+    __path__[0],
+    places_of_kinds,
+    "Pass the policy kind to register",
+    shared=("authoring", "kind", "privileged", "remote"),
+)
 
 __all__ = [
     "KINDS",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from shlex import quote
 from typing import TYPE_CHECKING, Protocol, TypeVar, cast
@@ -305,6 +305,11 @@ def register(kind: PolicyKind, here: Place | None = None) -> PolicyKind:
     KINDS[kind.name] = kind
     _REGISTERED_AT[kind.name] = here
     return kind
+
+
+def places_of_kinds() -> Collection[Place]:
+    """Return the places at which policy kinds have been registered."""
+    return _REGISTERED_AT.values()
 
 
 def _require_complete(kind: PolicyKind) -> None:
