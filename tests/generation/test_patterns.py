@@ -290,10 +290,7 @@ def framing_faults(task: Task, condition: Condition, seed: int) -> list[str]:
 
 
 LEAST_PX = 19
-"""Minimum longer side of a named object in the image [pixel].
-
-``measures.SEEN_M`` is chosen for 20 pixels. The outermost row or column of pixels can belong to the background.
-"""
+"""Minimum longer side of a named object in the image [pixel]: the size that ``measures.SEEN_M`` gives."""
 FIRST = [next(i for i, c in enumerate(CASTS) if c.scenario.template == name) for name in PATTERNS_HERE]
 
 
