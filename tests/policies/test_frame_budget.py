@@ -176,8 +176,10 @@ with PolicyServer(Echo, metadata={}, port=0) as server:
 
 @pytest.mark.slow
 def test_the_memory_of_a_server_that_24_clients_fill_is_bounded():
+    # glibc would keep freed blocks of up to 32 MiB in each thread's heap, 250 to 1,200 MiB in all, by chance
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "131072"}
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ
+        [sys.executable, "-c", _SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     )
     try:
         port = int(process.stdout.readline())
@@ -192,6 +194,6 @@ def test_the_memory_of_a_server_that_24_clients_fill_is_bounded():
             threading.Thread(target=fill, daemon=True).start()
         time.sleep(4.0)
         peak_mib = int(process.communicate("\n", timeout=30)[0])
-        assert peak_mib < 900, peak_mib  # it was 2,100
+        assert peak_mib < 400, peak_mib  # the budget, one message and the process itself: about 190
     finally:
         process.kill()
