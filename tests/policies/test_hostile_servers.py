@@ -226,11 +226,12 @@ def test_a_redirect_is_refused_and_what_it_names_is_not_asked(scheme):
     assert time.monotonic() - began < 4.0
 
 
-def test_a_server_that_comes_back_as_another_one_is_noticed():
-    checkpoints = iter(["one", "one", "two"])
+@pytest.mark.parametrize(("first", "was"), [({"checkpoint": "one"}, "one"), ({}, "nothing")])
+def test_a_server_that_comes_back_as_another_one_is_noticed(first, was):
+    declared = iter([first, first, {"checkpoint": "two"}])
 
     def talk(link):
-        link.send(msgpack.packb({"checkpoint": next(checkpoints)}))
+        link.send(msgpack.packb(next(declared)))
         for step in steps_of(link):
             link.send(numbered(step / 100))
             return  # which ends the connection
@@ -242,7 +243,7 @@ def test_a_server_that_comes_back_as_another_one_is_noticed():
         policy.reset(EpisodeStart("go", 1, "ee_delta"))
         policy.act(seen(0))
         policy.act(seen(1))
-        with pytest.raises(HandshakeError, match=r"checkpoint was one and is now two.*--allow-changed-policy"):
+        with pytest.raises(HandshakeError, match=rf"checkpoint was {was} and is now two.*--allow-changed-policy"):
             policy.act(seen(2))
 
 

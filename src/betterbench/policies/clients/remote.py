@@ -175,7 +175,9 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         Raises HandshakeError with the old and the new value.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
-        before, self._declared = self._declared or told, self._declared or told
+        if self._declared is None:
+            self._declared = told
+        before = self._declared
         for name in sorted(before.keys() | told.keys()):
             if before.get(name) != told.get(name):
                 was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
