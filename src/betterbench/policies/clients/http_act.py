@@ -23,6 +23,7 @@ import numpy as np
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import ServerNotReadyError, errors_of
 from betterbench.policies.clients.dexbotic import FORM_PATH, Route, compare_capabilities, encode_form, read_form_answer
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
@@ -35,8 +36,10 @@ from betterbench.policies.protocols.json_wire import MAX_BODY_BYTES, ArrayCoding
 JSON = "application/json"
 _REFUSED = (401, 403)
 _ABSENT = (404, 405)
-_PASSING = (408, 425, 429, 502, 503, 504)
+_LATE = (408, 504)
+_NOT_READY = (425, 429, 502, 503)
 _KNOCK_S = 2.0
+_CLOSING_S = 0.25  # time in which a tunnel to a server that is down closes a connection
 _LONGEST_BODY_SHOWN = 2000
 
 
@@ -55,16 +58,23 @@ class HttpServer:
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Store the settings and check that the server accepts connections. Raises OSError if it does not."""
+        """Store the settings and check that the server accepts and keeps a connection. Raises OSError if it does not.
+
+        A tunnel or a container's port accepts a connection and closes it again if the server behind it is down.
+        """
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
         name = f"[{self._host}]" if ":" in self._host else self._host
         self._name = f"Host: {name}:{self._port}"
-        self._asked = ["Accept: application/json", "Connection: close"]
+        self._asked = ["Accept: application/json", "Accept-Encoding: identity", "Connection: close"]
         self._asked += [] if key is None else [f"Authorization: Bearer {key}"]
         self._path = address.path
-        socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
+        with socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)) as knock:
+            knock.settimeout(_CLOSING_S)
+            with contextlib.suppress(TimeoutError):
+                if not knock.recv(1):
+                    raise ConnectionError("connections are closed without an answer")
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
         """Send a POST request, by default to the path in the policy address. Return the answer (see :meth:`ask`)."""
@@ -91,6 +101,8 @@ class HttpServer:
             try:
                 answer.begin()
                 read = answer.read(MAX_BODY_BYTES + 1)
+            except (http.client.RemoteDisconnected, http.client.IncompleteRead) as error:
+                raise ConnectionError("the connection was dropped") from error
             except http.client.HTTPException as error:
                 problem = one_line(error, most=100) or type(error).__name__
                 raise ConnectionError(f"the server does not use HTTP ({problem})") from error
@@ -219,7 +231,9 @@ class HttpActClient(ServerClient[HttpServer]):
             raise HandshakeError(
                 f"{self._where} has no POST {path} (HTTP {status}). Correct the path in the address.{older}"
             )
-        if status in _PASSING:
+        if status in _NOT_READY:
+            raise ServerNotReadyError(f"the server answered HTTP {status}")
+        if status in _LATE:
             raise ConnectionError(f"the server answered HTTP {status}")
         try:
             told = _told(decode_body(answer.body))
@@ -241,7 +255,7 @@ class HttpActClient(ServerClient[HttpServer]):
                     read_declared(self._where, answer.body, decode_body), self.adapter, self._where
                 )
                 self._require_same(self._capabilities)
-            elif answer.status in _PASSING:
+            elif answer.status in (*_LATE, *_NOT_READY):
                 raise ConnectionError(f"the server answered HTTP {answer.status}")
         return server
 
