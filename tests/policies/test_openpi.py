@@ -525,6 +525,7 @@ def test_a_bad_reply_is_one_clear_policy_error_and_the_next_episode_goes_on(obse
         with pytest.raises(PolicyError, match=text) as caught:
             policy.act(observation)
         assert not isinstance(caught.value, PolicyUnavailableError)
+        assert str(caught.value).startswith(policy.server.who)
         assert "\n" not in str(caught.value)
         policy.reset(START)
         assert policy.act(observation).tolist() == CHUNK_VALUES

@@ -176,7 +176,8 @@ class HttpActClient(ServerClient[HttpServer]):
             body = encode_body(request, arrays=self._arrays, encoded=self._encoded)
         answer = self._connection.request(lambda server, timeout_s: self._post(server, body, timeout_s, kind))
         self._first = False
-        reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
+        with errors_of(self._where):
+            reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
                 f"{self._where} replies {one_line(reply)!r}, which servers of this kind return for any "
@@ -187,7 +188,7 @@ class HttpActClient(ServerClient[HttpServer]):
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
         # OpenVLA returns one array, whereas OpenVLA-OFT returns a list of arrays.
         reply = self.adapter.named(_stacked(reply), self._where)
-        actions = self.adapter.actions(reply, observation)
+        actions = self._actions(reply, observation)
         if self.adapter.feedback is not None:
             rows = np.atleast_2d(np.asarray(get_entry(reply, self.adapter.feedback.answer_key), np.float64))
             self._last = (observation.step, rows.reshape(-1, rows.shape[-1])[:, : self.adapter.feedback.size])
@@ -211,9 +212,11 @@ class HttpActClient(ServerClient[HttpServer]):
         """Send a POST request and return the answer if its status is 200 (OK).
 
         Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist. Raises
-        ConnectionError for temporary errors, after which the request may be repeated, and PolicyError otherwise.
+        ServerNotReadyError or another ConnectionError for temporary errors, after which the request may be repeated,
+        and PolicyError otherwise.
         """
-        answer = server.post(body, timeout_s, kind=kind)
+        with errors_of(self._where):
+            answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
             return answer
