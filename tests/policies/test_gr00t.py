@@ -542,7 +542,7 @@ def test_the_token_comes_from_the_environment(client, monkeypatch):
     word = "open-sesame"
     monkeypatch.setenv("MY_TOKEN", word)
     with Server(token=word) as server:
-        with pytest.raises(HandshakeError, match="Unauthorized: Invalid API token Add api_key_env=NAME"):
+        with pytest.raises(HandshakeError, match=r"Unauthorized: Invalid API token\. Add api_key_env=NAME"):
             client(server)
         policy = client(server, f"{QUICK}&api_key_env=MY_TOKEN")
         assert policy.act(seen()).shape == (8, 7)

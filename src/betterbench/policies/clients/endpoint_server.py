@@ -46,12 +46,13 @@ class EndpointServer:
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
-            hint = (
-                ""
-                if "nauthorized" not in str(error)
-                else (" Add api_key_env=NAME to the address, where NAME is the environment variable with the token.")
-            )
-            raise HandshakeError(f"{error}{hint}") from error
+            text = str(error)
+            if "nauthorized" in text:
+                text = (
+                    f"{text.removesuffix('.')}. "
+                    "Add api_key_env=NAME to the address, where NAME is the environment variable with the token."
+                )
+            raise HandshakeError(text) from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         """Encode a request as the bytes of one message."""

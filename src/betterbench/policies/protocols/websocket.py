@@ -194,6 +194,9 @@ class WebSocket:
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not a websocket address ({error}).")
+        if isinstance(error, ConnectionClosed) or isinstance(error.__cause__, EOFError):
+            # The connection ended before the handshake, as behind a tunnel to a server that is down.
+            return ConnectionError("connections are closed without an answer")
         # The error may be an AssertionError of the library, which occurs if a server sends data before the handshake.
         return ConnectionError(f"the server is not a websocket server ({error})")
 
