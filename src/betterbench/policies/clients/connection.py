@@ -61,9 +61,9 @@ class ConnectionLimits:
 
     Attributes:
         timeout_s: Maximum duration of each request except the first [s].
-        warmup_s: Maximum duration of the first request [s]. The default is longer than ``timeout_s``, because many
-            servers compile their model during the first request. If the first request times out, its retries use
-            ``timeout_s``.
+        warmup_s: Maximum duration of the first request, and of the first request after the server was unreachable [s].
+            The default is longer than ``timeout_s``, because many servers compile their model during the first request.
+            If the first request times out, its retries use ``timeout_s``.
         retries: Number of times that a request is repeated after a broken connection or a timeout.
         patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
         seed: Seed for the random part of each pause. Random pauses prevent all clients from reconnecting to a restarted
@@ -238,6 +238,7 @@ class PolicyConnection(Generic[Connection]):
 
         Raises PolicyUnavailableError if ``patience_s`` has passed since the time ``began``.
         """
+        self._warm = False  # the server is probably being restarted, and will compile its model again
         left = self._limits.patience_s - (time.monotonic() - began)
         if left <= 0.0:
             raise PolicyUnavailableError(
