@@ -338,7 +338,7 @@ def test_an_error_in_a_map_is_an_error(observation):
         with pytest.raises(PolicyError, match="reports an error: Internal inference error"):
             policy.act(observation)
         assert policy.act(observation).tolist() == CHUNK_VALUES
-    with Server(greeting=error) as server, pytest.raises(PolicyError, match="reports an error: Internal"):
+    with Server(greeting=error) as server, pytest.raises(HandshakeError, match="reports an error: Internal"):
         make_policy(f"{server.address}?preset=openpi_libero&patience=0")
 
 
@@ -660,7 +660,7 @@ def test_what_is_no_openpi_server_is_named():
         make_policy(f"{server.address}?preset=openpi_libero&patience=0.1&timeout=0.2")
     with (
         Server(greeting="who are you\nValueError: go away") as server,
-        pytest.raises(PolicyError, match="ValueError: go away"),
+        pytest.raises(HandshakeError, match="ValueError: go away"),
     ):
         make_policy(f"{server.address}?preset=openpi_libero")
 

@@ -114,13 +114,17 @@ class WebSocket:
     def greeting(self, silence: str) -> Iterator[None]:
         """Context manager for the first exchange of messages, which closes the connection if the exchange fails.
 
-        ``silence`` is the message of the TimeoutError that is raised if the server sends nothing in time.
+        ``silence`` is the message of the TimeoutError that is raised if the server sends nothing in time. A PolicyError
+        becomes a HandshakeError, because a server that greets wrongly is another server or broken, whatever its policy.
         """
         try:
             yield
         except TimeoutError as error:
             self.close()
             raise TimeoutError(silence) from error
+        except PolicyError as error:
+            self.close()
+            raise HandshakeError(str(error)) from error
         except BaseException:
             self.close()
             raise
