@@ -333,7 +333,7 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (404, b"", HandshakeError, r"has no POST /act \(HTTP 404\). Correct the path"),
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),
-        (307, b"", HandshakeError, r"redirects requests to another address \(HTTP 307\)\. Use that address"),
+        (307, b"", HandshakeError, r"another address \(HTTP 307, http://127\.0\.0\.1:9/act\)\. Use that address"),
         (
             504,
             b"",

@@ -45,10 +45,11 @@ _LONGEST_BODY_SHOWN = 2000
 
 @dataclass(frozen=True, slots=True)
 class HttpAnswer:
-    """Status code and body of an HTTP response."""
+    """Status code and body of an HTTP response, and the address to which it redirects the client."""
 
     status: int
     body: bytes
+    location: str = ""
 
 
 class HttpServer:
@@ -110,7 +111,7 @@ class HttpServer:
             raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
         if len(read) > MAX_BODY_BYTES:
             raise PolicyError(f"the server answered with more than {MAX_BODY_BYTES} bytes.")
-        return HttpAnswer(answer.status, read)
+        return HttpAnswer(answer.status, read, answer.headers.get("Location", ""))
 
     def close(self) -> None:
         """Do nothing, because no connection is open between requests."""
@@ -226,8 +227,9 @@ class HttpActClient(ServerClient[HttpServer]):
                 "Add api_key_env=NAME to the address, where NAME is the environment variable with the key."
             )
         if 300 <= status < 400:
+            elsewhere = one_line(answer.location, most=200) or "no address"
             raise HandshakeError(
-                f"{self._where} redirects requests to another address (HTTP {status}). Use that address."
+                f"{self._where} redirects requests to another address (HTTP {status}, {elsewhere}). Use that address."
             )
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
