@@ -300,6 +300,7 @@ def test_texts_from_outside_keep_their_words_and_lose_what_steers():
     assert printable("a\tb\nc", most=10) == "a\tb\nc"
     assert printable("\x1b[31m\x9b\x7f\u202e\udc80", most=100) == "\ufffd[31m" + "\ufffd" * 4
     assert printable("x" * 12, most=10) == "x" * 10 + "… (2 more characters)"
+    assert one_line("x" * 1000, most=10) == "x" * 10 + "… (990 more characters)"
     assert one_line("  a \n b\r\n") == "a b"
     assert len(one_line("x y " * 1_000_000)) < 600
     assert last_line("one\ntwo\x1b\n\n") == "two\ufffd"
