@@ -35,13 +35,14 @@ Tab and line feed are not included.
 """
 
 
-def printable(text: str, *, most: int) -> str:
+def printable(text: str, *, most: int, omitted: int = 0) -> str:
     """Shorten external text if it is too long, and replace characters that could control a terminal.
 
-    Text after the first ``most`` characters is replaced by a note with the number of omitted characters. Characters in
-    :data:`UNPRINTABLE` are replaced by U+FFFD. Line breaks are kept.
+    Text after the first ``most`` characters is replaced by a note with the number of omitted characters. ``omitted`` is
+    the number of characters that the caller has already removed from the end. Characters in :data:`UNPRINTABLE` are
+    replaced by U+FFFD. Line breaks are kept.
     """
-    cut = len(text) - most
+    cut = max(0, len(text) - most) + omitted
     if cut > 0:
         text = f"{text[:most]}… ({cut} more characters)"
     return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
@@ -50,8 +51,9 @@ def printable(text: str, *, most: int) -> str:
 def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
     """Return external text as a single line that is safe to show in a message (see :func:`printable`)."""
     # Cut a long text before it is split. The factor leaves room for white space that is removed.
-    line = " ".join(str(text)[: 4 * most + 1].split())
-    return printable(line, most=most)
+    whole, longest = str(text), 4 * most + 1
+    line = " ".join(whole[:longest].split())
+    return printable(line, most=most, omitted=max(0, len(whole) - longest))
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:

@@ -22,7 +22,7 @@ from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import WorkerSettings
 from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
-from betterbench.interface import PolicyInfo
+from betterbench.interface import EpisodeStart, PolicyInfo
 from betterbench.policies.address import EXECUTION
 from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.factory import PolicyFactory
@@ -346,6 +346,30 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
     finally:
         shared.close()
     assert (first[0], second[0]) == (1.0, 2.0)
+
+
+def test_retries_of_a_shared_client_count_for_each_trial_of_the_batch():
+    def answer(observations):
+        client.figures["policy_retries"] += 2.0
+        if observations == ["bad"]:
+            raise PolicyError("no answer")
+        return np.zeros((len(observations), 7))
+
+    client = SimpleNamespace(info=PolicyInfo("c"), act_batch=answer, act=answer, reset=len)
+    client.figures = {"policy_requests": 5.0, "policy_retries": 7.0}
+    shared = SharedPolicy(client, 1, client=True)
+    try:
+        first, second = shared.seat(), shared.seat()
+        first.act("good")
+        with pytest.raises(PolicyError):
+            second.act("bad")
+        first.act("good")
+        assert first.figures == {"policy_requests": 0.0, "policy_retries": 4.0}
+        assert second.figures == {"policy_requests": 0.0, "policy_retries": 2.0}
+        first.reset(EpisodeStart("go", 1, "ee_delta"))
+        assert first.figures == {}
+    finally:
+        shared.close()
 
 
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():

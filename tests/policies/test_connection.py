@@ -35,6 +35,10 @@ def made(terms, *, fail=0, error=None):
     return link, wires, pauses
 
 
+def raised(error):
+    raise error
+
+
 def broken(_, __):
     raise ConnectionResetError("gone")
 
@@ -115,6 +119,20 @@ def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
         link.request(late)
     link.request(note)
     assert given == [50.0, 50.0, 2.0, 2.0]
+
+
+def test_the_long_deadline_comes_back_with_a_server_that_was_away():
+    link, _, _ = made(ConnectionLimits(timeout_s=2.0, warmup_s=50.0, retries=1))
+    given = []
+    link.request(lambda _, deadline: given.append(deadline))
+    link.drop()  # the connection alone broke
+    link.request(lambda _, deadline: given.append(deadline))
+    link.drop()
+    dial, away = link._dial, [ConnectionRefusedError("refused")]
+    link._dial = lambda timeout_s: dial(timeout_s) if not away else raised(away.pop())
+    link.request(lambda _, deadline: given.append(deadline))
+    link.request(lambda _, deadline: given.append(deadline))
+    assert given == [50.0, 2.0, 50.0, 2.0]
 
 
 def test_terms_that_make_no_sense_are_refused():

@@ -542,7 +542,7 @@ def test_the_token_comes_from_the_environment(client, monkeypatch):
     word = "open-sesame"
     monkeypatch.setenv("MY_TOKEN", word)
     with Server(token=word) as server:
-        with pytest.raises(HandshakeError, match="Unauthorized: Invalid API token Add api_key_env=NAME"):
+        with pytest.raises(HandshakeError, match=r"Unauthorized: Invalid API token\. Add api_key_env=NAME"):
             client(server)
         policy = client(server, f"{QUICK}&api_key_env=MY_TOKEN")
         assert policy.act(seen()).shape == (8, 7)
@@ -597,6 +597,7 @@ def test_bad_answers_end_the_trial_with_a_reason_and_the_next_one_is_asked(clien
         with pytest.raises(PolicyError, match=text) as caught:
             policy.act(seen())
         assert not isinstance(caught.value, PolicyUnavailableError)
+        assert str(caught.value).startswith(policy.server.who)
         assert "\n" not in str(caught.value)
         assert policy.act(seen()).shape == (8, 7)
 

@@ -226,11 +226,12 @@ def test_a_redirect_is_refused_and_what_it_names_is_not_asked(scheme):
     assert time.monotonic() - began < 4.0
 
 
-def test_a_server_that_comes_back_as_another_one_is_noticed():
-    checkpoints = iter(["one", "one", "two"])
+@pytest.mark.parametrize(("first", "was"), [({"checkpoint": "one"}, "one"), ({}, "nothing")])
+def test_a_server_that_comes_back_as_another_one_is_noticed(first, was):
+    declared = iter([first, first, {"checkpoint": "two"}])
 
     def talk(link):
-        link.send(msgpack.packb({"checkpoint": next(checkpoints)}))
+        link.send(msgpack.packb(next(declared)))
         for step in steps_of(link):
             link.send(numbered(step / 100))
             return  # which ends the connection
@@ -242,7 +243,7 @@ def test_a_server_that_comes_back_as_another_one_is_noticed():
         policy.reset(EpisodeStart("go", 1, "ee_delta"))
         policy.act(seen(0))
         policy.act(seen(1))
-        with pytest.raises(HandshakeError, match=r"checkpoint was one and is now two.*--allow-changed-policy"):
+        with pytest.raises(HandshakeError, match=rf"checkpoint was {was} and is now two.*--allow-changed-policy"):
             policy.act(seen(2))
 
 
@@ -299,6 +300,7 @@ def test_texts_from_outside_keep_their_words_and_lose_what_steers():
     assert printable("a\tb\nc", most=10) == "a\tb\nc"
     assert printable("\x1b[31m\x9b\x7f\u202e\udc80", most=100) == "\ufffd[31m" + "\ufffd" * 4
     assert printable("x" * 12, most=10) == "x" * 10 + "… (2 more characters)"
+    assert one_line("x" * 1000, most=10) == "x" * 10 + "… (990 more characters)"
     assert one_line("  a \n b\r\n") == "a b"
     assert len(one_line("x y " * 1_000_000)) < 600
     assert last_line("one\ntwo\x1b\n\n") == "two\ufffd"

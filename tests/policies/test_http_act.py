@@ -162,6 +162,7 @@ def test_openvla_gets_these_bytes_and_answers_one_action(client, tmp_path):
             f"Host: 127.0.0.1:{server.port}",
             "Content-Type: application/json",
             "Accept: application/json",
+            "Accept-Encoding: identity",
             "Connection: close",
             f"Content-Length: {len(body)}",
         ]
@@ -296,6 +297,7 @@ def test_bad_answers_end_the_trial_with_a_reason_and_the_next_one_is_asked(clien
         with pytest.raises(PolicyError, match=text) as caught:
             policy.act(seen())
         assert not isinstance(caught.value, PolicyUnavailableError)
+        assert str(caught.value).startswith(policy.server.who)
         assert "\n" not in str(caught.value)
         assert len(str(caught.value)) < 800
         assert policy.act(seen()).shape == (1, 7)
@@ -331,8 +333,13 @@ def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
         (404, b"", HandshakeError, r"has no POST /act \(HTTP 404\). Correct the path"),
         (405, b"", HandshakeError, "has no POST /act"),
         (401, b"", HandshakeError, "api_key_env=NAME"),
-        (307, b"", HandshakeError, r"redirects requests to another address \(HTTP 307\)\. Use that address"),
-        (503, b"", PolicyError, "failed to answer 2 times. Last reason: the server answered HTTP 503"),
+        (307, b"", HandshakeError, r"another address \(HTTP 307, http://127\.0\.0\.1:9/act\)\. Use that address"),
+        (
+            504,
+            b"",
+            PolicyError,
+            r"failed to answer 2 times. Last reason: the server answered HTTP 504\. See the server's",
+        ),
     ],
 )
 def test_every_status_has_its_meaning(client, status, body, error, text):
@@ -340,6 +347,32 @@ def test_every_status_has_its_meaning(client, status, body, error, text):
         with pytest.raises(error, match=text) as caught:
             client(server).act(seen())
         assert "\n" not in str(caught.value)
+
+
+def test_a_server_behind_a_proxy_that_is_not_ready_is_waited_for_like_one_that_is_away(client):
+    with Server([plain(status, b"") for status in (502, 503, 503, 429)]) as server:
+        policy = client(server, "retries=0&patience=30&preset=openvla")
+        assert policy.act(seen()).shape == (1, 7)
+        assert policy.figures["policy_retries"] == 4
+    with Server([plain(503, b"")] * 100) as server:
+        policy = client(server, "retries=0&patience=0.5&preset=openvla")
+        with pytest.raises(
+            PolicyUnavailableError, match=r"could not be reached for 0\.5 s .*HTTP 503.*patience=SECONDS"
+        ):
+            policy.act(seen())
+
+
+def test_a_tunnel_to_a_server_that_is_down_is_not_taken_for_a_server():
+    def close_all():
+        with contextlib.suppress(OSError):
+            while True:
+                tunnel.accept()[0].close()
+
+    with socket.create_server(("127.0.0.1", 0)) as tunnel:
+        threading.Thread(target=close_all, daemon=True).start()
+        address = read_address(f"http://127.0.0.1:{tunnel.getsockname()[1]}/act?patience=0.2&preset=openvla")
+        with pytest.raises(PolicyUnavailableError, match="connections are closed without an answer"):
+            HttpActClient(address)
 
 
 def drip(connection):

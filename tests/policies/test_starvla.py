@@ -269,6 +269,7 @@ def test_bad_answers_end_the_trial_with_a_reason_and_the_next_one_is_asked(clien
         with pytest.raises(PolicyError, match=text) as caught:
             policy.act(seen())
         assert not isinstance(caught.value, PolicyUnavailableError)
+        assert str(caught.value).startswith(policy.server.who)
         assert "\n" not in str(caught.value)
         assert policy.act(seen()).shape == (8, 7)
 

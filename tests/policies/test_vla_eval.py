@@ -378,6 +378,7 @@ def test_a_bad_answer_is_one_clear_policy_error(reply, text):
         policy.reset(START)
         with pytest.raises(PolicyError, match=text) as caught:
             policy.act(observation())
+        assert str(caught.value).startswith(policy.server.who)
         assert "\n" not in str(caught.value)
 
 

@@ -276,7 +276,10 @@ class PolicyAddress:
             host = None
         strange = any(c.isspace() or not c.isprintable() for c in self.target)
         if not host or port == 0 or strange:
-            raise self.error(f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {self.form.example}")
+            cure = f"Write {self.form.example}"
+            if self.target.count(":") > 1 and "[" not in self.target:
+                cure += f", or {self.scheme}://[::1]:{self.form.port} with the IPv6 address in brackets"
+            raise self.error(f"{self.target!r} is not a host with a port from 1 to 65535", cure)
         self._check_path(path, place)
         return host, self.form.port if port is None else port
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from betterbench.evaluation.trials.policy_thread import no_answer, ready_at
+from betterbench.evaluation.trials.policy_thread import figures_of, no_answer, ready_at
 from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy
 from betterbench.policies.batching import BatchCollector
 from betterbench.policies.factory import close_policy
@@ -43,13 +44,15 @@ class SharedPolicy:
         *,
         deadline: Deadline | None = None,
         expected: Callable[[], int] = lambda: 0,
+        client: bool = False,
     ) -> None:
         """Start the thread.
 
         ``batch`` is the maximum number of observations in one call. ``expected`` returns the number of requests that
-        may be pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`.
+        may be pending at the same time, as in :class:`~betterbench.policies.batching.BatchCollector`. ``client`` is
+        True if the policy is one of betterbench's own clients of a policy server, whose retries are then counted.
         """
-        self._policy, self._deadline = policy, deadline
+        self._policy, self._deadline, self._client = policy, deadline, client
         self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
@@ -73,18 +76,27 @@ class SharedPolicy:
         self._collector.close(timeout_s=0.0)
 
     def _answer(self, asked: Sequence[_Asked]) -> Sequence[_Given]:
-        began = time.thread_time()
-        for start, _ in asked:
-            if start is not None:
-                self._policy.reset(start)
-        if isinstance(self._policy, BatchPolicy):
-            answers = self._policy.act_batch([observation for _, observation in asked])
-        else:
-            answers = [self._policy.act(observation) for _, observation in asked]
+        began, before = time.thread_time(), self._figures()
+        try:
+            for question in asked:
+                if question.start is not None:
+                    self._policy.reset(question.start)
+            if isinstance(self._policy, BatchPolicy):
+                answers = self._policy.act_batch([question.observation for question in asked])
+            else:
+                answers = [self._policy.act(question.observation) for question in asked]
+        finally:
+            for name, count in self._figures().items():
+                for question in asked:
+                    figures = question.asker.figures
+                    figures[name] = figures.get(name, 0.0) + count - before.get(name, 0.0)
         # The answers are copied, because a policy may overwrite the array before other threads have read it.
         copies = [np.array(answer) for answer in answers]
         cost_s = (time.thread_time() - began) / max(1, len(asked))
         return [_Given(actions, cost_s) for actions in copies]
+
+    def _figures(self) -> Mapping[str, float]:
+        return figures_of(self._policy) if self._client else {}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +107,12 @@ class _Given:
     cost_s: float
 
 
-_Asked = tuple[EpisodeStart | None, Observation]
-"""Request to the policy: the start of a new episode (or None), and the observation."""
+class _Asked(NamedTuple):
+    """Request to the policy: the start of a new episode (or None), the observation, and the object that asks."""
+
+    start: EpisodeStart | None
+    observation: Observation
+    asker: _SharedClient
 
 
 class _SharedClient:
@@ -113,6 +129,11 @@ class _SharedClient:
 
         The time of a batch is divided equally among its requests.
         """
+        self.figures: dict[str, float] = {}
+        """Numbers of requests, retries and reconnects in this episode, by name.
+
+        Those of a batch count for each of its requests.
+        """
 
     @property
     def ready_at(self) -> float:
@@ -121,7 +142,7 @@ class _SharedClient:
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode. The policy itself is reset when it gets the first observation."""
-        self._start = start
+        self._start, self.figures = start, {}
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the actions for an observation."""
@@ -129,7 +150,7 @@ class _SharedClient:
         deadline = self._deadline
         try:
             given = self._collector.ask(
-                (start, observation),
+                _Asked(start, observation, self),
                 timeout_s=None if deadline is None else deadline.limit_s,
                 ready_at=lambda: self.ready_at,
             )

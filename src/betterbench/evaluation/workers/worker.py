@@ -398,7 +398,12 @@ class Worker:
                 taken = self._trial_runner.policies.take()
                 if not isinstance(taken, BatchPolicy):
                     raise AssertionError("unreachable: the policy accepted batches before")
-                self._shared = SharedPolicy(taken, MAX_BATCH, expected=self._open_trials)
+                self._shared = SharedPolicy(
+                    taken,
+                    MAX_BATCH,
+                    expected=self._open_trials,
+                    client=self._trial_runner.policies.needs.server,
+                )
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:

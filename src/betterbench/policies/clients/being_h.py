@@ -20,6 +20,7 @@ import numpy as np
 from betterbench.errors import PolicyError
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.endpoint_server import EndpointServer
 from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
@@ -36,7 +37,8 @@ class BeingHServer(EndpointServer):
         return write_torch(question)
 
     def _decode(self, answer: bytes, endpoint: str) -> Mapping[str, Any]:
-        reply = read_torch(answer)
+        with errors_of(self._where):
+            reply = read_torch(answer)
         if not isinstance(reply, Mapping):
             raise PolicyError(f"{self._where}: expected a map in reply to {endpoint}, got {type(reply).__name__}.")
         return reply
@@ -72,7 +74,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         if self._last is not None:
             data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)
         reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
-        actions = self.adapter.actions(reply, observation)
+        actions = self._actions(reply, observation)
         chunk = reply.get(_UNIFIED)
         self._last = None if chunk is None else (observation.step, _numbers(chunk, self._where))
         return actions

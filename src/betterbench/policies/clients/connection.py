@@ -6,7 +6,8 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -30,6 +31,19 @@ LONGEST_PAUSE_S = 5.0
 """Longest pause between two attempts [s]."""
 
 
+class ServerNotReadyError(ConnectionError):
+    """The server, or a proxy in front of it, answers that the request should be repeated later."""
+
+
+@contextmanager
+def errors_of(where: str) -> Iterator[None]:
+    """Context manager that begins the message of a PolicyError with the name of the server."""
+    try:
+        yield
+    except PolicyError as error:
+        raise PolicyError(f"{where}: {error}") from error
+
+
 class ClosableConnection(Protocol):
     """Interface of the connections that :class:`PolicyConnection` manages."""
 
@@ -47,9 +61,9 @@ class ConnectionLimits:
 
     Attributes:
         timeout_s: Maximum duration of each request except the first [s].
-        warmup_s: Maximum duration of the first request [s]. The default is longer than ``timeout_s``, because many
-            servers compile their model during the first request. If the first request times out, its retries use
-            ``timeout_s``.
+        warmup_s: Maximum duration of the first request, and of the first request after the server was unreachable [s].
+            The default is longer than ``timeout_s``, because many servers compile their model during the first request.
+            If the first request times out, its retries use ``timeout_s``.
         retries: Number of times that a request is repeated after a broken connection or a timeout.
         patience_s: Time for which the client keeps trying to connect to an unreachable server [s].
         seed: Seed for the random part of each pause. Random pauses prevent all clients from reconnecting to a restarted
@@ -138,15 +152,7 @@ class PolicyConnection(Generic[Connection]):
                 # Each attempt may take at least one second, even if less time is left or patience is 0.
                 self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
-                left = self._limits.patience_s - (time.monotonic() - began)
-                if left <= 0.0:
-                    raise PolicyUnavailableError(
-                        f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
-                        "Start the server, correct the address, or wait longer with patience=SECONDS."
-                    ) from problem
-                if attempt == 0:
-                    logger.warning("%s cannot be reached (%s). Trying for %.0f s", self._where, _brief(problem), left)
-                self._pause(attempt, left)
+                self._wait(problem, began, attempt)
                 attempt += 1
             else:
                 self._dialed += 1
@@ -158,6 +164,8 @@ class PolicyConnection(Generic[Connection]):
     def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
         """Send a request and return the reply. Repeat the request if the connection breaks or the deadline passes.
 
+        While the server is not ready, the request is repeated for up to ``patience_s``, as with an unreachable server.
+
         Args:
             exchange: Function that sends the request over a connection and returns the reply within the given time [s].
                 It raises OSError (TimeoutError, ConnectionError) if another attempt may succeed, and PolicyError
@@ -166,10 +174,11 @@ class PolicyConnection(Generic[Connection]):
 
         Raises:
             PolicyError: If the reply is invalid, or the request failed after all retries.
-            PolicyUnavailableError: If the server could not be reached within ``patience_s``.
+            PolicyUnavailableError: If the server could not be reached, or was not ready, within ``patience_s``.
         """
         self._counts["requests"] += 1
-        for attempt in range(self._limits.retries + 1):
+        attempt, waits, waiting_since = 0, 0, 0.0
+        while True:
             connection = self.open()
             deadline = self._limits.timeout_s if self._warm else self._limits.warmup_s
             try:
@@ -178,22 +187,32 @@ class PolicyConnection(Generic[Connection]):
                 # The server may still send data for the failed request, so the connection cannot be reused.
                 self.drop()
                 raise
+            except ServerNotReadyError as problem:
+                self.drop()
+                self._check_open()
+                waiting_since = waiting_since if waits else time.monotonic()
+                self._wait(problem, waiting_since, waits)
+                waits += 1
+                self._counts["retries"] += 1
             except OSError as problem:
                 self.drop()
                 self._check_open()
-                reason = _brief(problem)
+                reason, cure = _brief(problem), "See the server's log."
                 if isinstance(problem, TimeoutError):
                     reason, self._warm = f"no answer within {deadline:g} s", True
+                    cure = "See the server's log, or wait longer with timeout=SECONDS."
                 logger.warning("%s: request failed (%s)", self._where, reason)
                 if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
-                    raise PolicyError(f"{self._where} failed to answer {times}. Last reason: {reason}.") from problem
+                    raise PolicyError(
+                        f"{self._where} failed to answer {times}. Last reason: {reason}. {cure}"
+                    ) from problem
                 self._counts["retries"] += 1
                 self._pause(attempt, LONGEST_PAUSE_S)
+                attempt += 1
             else:
                 self._warm = self._warm or replies
                 return reply
-        raise AssertionError("unreachable: the last attempt either returns or raises")
 
     def holds(self, connection: Connection) -> bool:
         """Return whether the given connection is still open, i.e. has not been dropped or replaced."""
@@ -213,6 +232,22 @@ class PolicyConnection(Generic[Connection]):
     def _check_open(self) -> None:
         if self._closed.is_set():
             raise PolicyError(f"{self._where}: the client was closed.")
+
+    def _wait(self, problem: OSError, began: float, attempt: int) -> None:
+        """Pause after a failed attempt to reach the server.
+
+        Raises PolicyUnavailableError if ``patience_s`` has passed since the time ``began``.
+        """
+        self._warm = False  # the server is probably being restarted, and will compile its model again
+        left = self._limits.patience_s - (time.monotonic() - began)
+        if left <= 0.0:
+            raise PolicyUnavailableError(
+                f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
+                "Start the server, correct the address, or wait longer with patience=SECONDS."
+            ) from problem
+        if attempt == 0:
+            logger.warning("%s cannot be reached (%s). Trying for %.0f s", self._where, _brief(problem), left)
+        self._pause(attempt, left)
 
     def _pause(self, attempt: int, most: float) -> None:
         longest = min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0 ** min(attempt, 20), most)

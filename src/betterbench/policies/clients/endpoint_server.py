@@ -8,6 +8,7 @@ from typing import Any
 
 from betterbench.errors import HandshakeError, PolicyError, last_line
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
@@ -45,12 +46,13 @@ class EndpointServer:
         try:
             return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
-            hint = (
-                ""
-                if "nauthorized" not in str(error)
-                else (" Add api_key_env=NAME to the address, where NAME is the environment variable with the token.")
-            )
-            raise HandshakeError(f"{error}{hint}") from error
+            text = str(error)
+            if "nauthorized" in text:
+                text = (
+                    f"{text.removesuffix('.')}. "
+                    "Add api_key_env=NAME to the address, where NAME is the environment variable with the token."
+                )
+            raise HandshakeError(text) from error
 
     def _encode(self, question: Mapping[str, Any]) -> bytes:
         """Encode a request as the bytes of one message."""
@@ -75,7 +77,8 @@ class EndpointServer:
             question["data"] = data
         if self._token is not None:
             question["api_token"] = self._token
-        answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
+        with errors_of(self._where):
+            answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
         self._check_frame(answer, endpoint)
         if answer == ERROR_REPLY:
             raise PolicyError(f"{self._where} reports an error for {endpoint} without a message. See the server's log.")

@@ -34,6 +34,7 @@ import numpy as np
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.endpoint_server import ERROR_REPLY, EndpointServer
 from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, check_start, describe_remote_policy
@@ -92,7 +93,8 @@ class Gr00tServer(EndpointServer):
             raise PolicyError(f"{self._where} answers {answer[:5]!r} to {endpoint}. {_NO_PICKLES}")
 
     def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401, ARG002 - as decoded
-        return decode_gr00t(answer)
+        with errors_of(self._where):
+            return decode_gr00t(answer)
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
@@ -169,7 +171,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
         """Return the action chunk of each environment from the arrays of an answer."""
         return [
-            self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
+            self._actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
         ]
 

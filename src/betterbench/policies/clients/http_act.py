@@ -23,6 +23,7 @@ import numpy as np
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import ServerNotReadyError, errors_of
 from betterbench.policies.clients.dexbotic import FORM_PATH, Route, compare_capabilities, encode_form, read_form_answer
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
@@ -35,17 +36,20 @@ from betterbench.policies.protocols.json_wire import MAX_BODY_BYTES, ArrayCoding
 JSON = "application/json"
 _REFUSED = (401, 403)
 _ABSENT = (404, 405)
-_PASSING = (408, 425, 429, 502, 503, 504)
+_LATE = (408, 504)
+_NOT_READY = (425, 429, 502, 503)
 _KNOCK_S = 2.0
+_CLOSING_S = 0.25  # time in which a tunnel to a server that is down closes a connection
 _LONGEST_BODY_SHOWN = 2000
 
 
 @dataclass(frozen=True, slots=True)
 class HttpAnswer:
-    """Status code and body of an HTTP response."""
+    """Status code and body of an HTTP response, and the address to which it redirects the client."""
 
     status: int
     body: bytes
+    location: str = ""
 
 
 class HttpServer:
@@ -55,16 +59,23 @@ class HttpServer:
     """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
-        """Store the settings and check that the server accepts connections. Raises OSError if it does not."""
+        """Store the settings and check that the server accepts and keeps a connection. Raises OSError if it does not.
+
+        A tunnel or a container's port accepts a connection and closes it again if the server behind it is down.
+        """
         self._host, self._port = address.server()
         encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
         self._tls = ssl.create_default_context() if encrypted else None
         name = f"[{self._host}]" if ":" in self._host else self._host
         self._name = f"Host: {name}:{self._port}"
-        self._asked = ["Accept: application/json", "Connection: close"]
+        self._asked = ["Accept: application/json", "Accept-Encoding: identity", "Connection: close"]
         self._asked += [] if key is None else [f"Authorization: Bearer {key}"]
         self._path = address.path
-        socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
+        with socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)) as knock:
+            knock.settimeout(_CLOSING_S)
+            with contextlib.suppress(TimeoutError):
+                if not knock.recv(1):
+                    raise ConnectionError("connections are closed without an answer")
 
     def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
         """Send a POST request, by default to the path in the policy address. Return the answer (see :meth:`ask`)."""
@@ -91,6 +102,8 @@ class HttpServer:
             try:
                 answer.begin()
                 read = answer.read(MAX_BODY_BYTES + 1)
+            except (http.client.RemoteDisconnected, http.client.IncompleteRead) as error:
+                raise ConnectionError("the connection was dropped") from error
             except http.client.HTTPException as error:
                 problem = one_line(error, most=100) or type(error).__name__
                 raise ConnectionError(f"the server does not use HTTP ({problem})") from error
@@ -98,7 +111,7 @@ class HttpServer:
             raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
         if len(read) > MAX_BODY_BYTES:
             raise PolicyError(f"the server answered with more than {MAX_BODY_BYTES} bytes.")
-        return HttpAnswer(answer.status, read)
+        return HttpAnswer(answer.status, read, answer.headers.get("Location", ""))
 
     def close(self) -> None:
         """Do nothing, because no connection is open between requests."""
@@ -164,7 +177,8 @@ class HttpActClient(ServerClient[HttpServer]):
             body = encode_body(request, arrays=self._arrays, encoded=self._encoded)
         answer = self._connection.request(lambda server, timeout_s: self._post(server, body, timeout_s, kind))
         self._first = False
-        reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
+        with errors_of(self._where):
+            reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
                 f"{self._where} replies {one_line(reply)!r}, which servers of this kind return for any "
@@ -175,7 +189,7 @@ class HttpActClient(ServerClient[HttpServer]):
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
         # OpenVLA returns one array, whereas OpenVLA-OFT returns a list of arrays.
         reply = self.adapter.named(_stacked(reply), self._where)
-        actions = self.adapter.actions(reply, observation)
+        actions = self._actions(reply, observation)
         if self.adapter.feedback is not None:
             rows = np.atleast_2d(np.asarray(get_entry(reply, self.adapter.feedback.answer_key), np.float64))
             self._last = (observation.step, rows.reshape(-1, rows.shape[-1])[:, : self.adapter.feedback.size])
@@ -199,9 +213,11 @@ class HttpActClient(ServerClient[HttpServer]):
         """Send a POST request and return the answer if its status is 200 (OK).
 
         Raises HandshakeError if the server rejects or redirects the request, or if the path does not exist. Raises
-        ConnectionError for temporary errors, after which the request may be repeated, and PolicyError otherwise.
+        ServerNotReadyError or another ConnectionError for temporary errors, after which the request may be repeated,
+        and PolicyError otherwise.
         """
-        answer = server.post(body, timeout_s, kind=kind)
+        with errors_of(self._where):
+            answer = server.post(body, timeout_s, kind=kind)
         status, path = answer.status, self._address.path
         if status == http.client.OK:
             return answer
@@ -211,15 +227,18 @@ class HttpActClient(ServerClient[HttpServer]):
                 "Add api_key_env=NAME to the address, where NAME is the environment variable with the key."
             )
         if 300 <= status < 400:
+            elsewhere = one_line(answer.location, most=200) or "no address"
             raise HandshakeError(
-                f"{self._where} redirects requests to another address (HTTP {status}). Use that address."
+                f"{self._where} redirects requests to another address (HTTP {status}, {elsewhere}). Use that address."
             )
         if status in _ABSENT:
             older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
             raise HandshakeError(
                 f"{self._where} has no POST {path} (HTTP {status}). Correct the path in the address.{older}"
             )
-        if status in _PASSING:
+        if status in _NOT_READY:
+            raise ServerNotReadyError(f"the server answered HTTP {status}")
+        if status in _LATE:
             raise ConnectionError(f"the server answered HTTP {status}")
         try:
             told = _told(decode_body(answer.body))
@@ -241,7 +260,7 @@ class HttpActClient(ServerClient[HttpServer]):
                     read_declared(self._where, answer.body, decode_body), self.adapter, self._where
                 )
                 self._require_same(self._capabilities)
-            elif answer.status in _PASSING:
+            elif answer.status in (*_LATE, *_NOT_READY):
                 raise ConnectionError(f"the server answered HTTP {answer.status}")
         return server
 

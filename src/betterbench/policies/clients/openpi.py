@@ -29,6 +29,7 @@ import numpy as np
 from betterbench.errors import PolicyError, last_line, one_line, printable
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import EXECUTION, PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter
@@ -80,7 +81,6 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._chosen: Adapter | None = None  # set by the first handshake
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
-        self._within = False
         self._connection.open()
         ours = self._metadata.get("betterbench")
         ours = ours if isinstance(ours, Mapping) else {}
@@ -133,7 +133,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             return self._read(answer, (Mapping, np.ndarray))
 
         reply = self.adapter.named(self._connection.request(exchange), self._where)
-        actions = self.adapter.actions(reply, observation)
+        actions = self._actions(reply, observation)
         if self._delay:
             self._last = (observation.step, _whole_chunk(get_entry(reply, next(iter(self.adapter.answer.columns)))))
         taken = {key[0] for key in self.adapter.answer.columns}
@@ -174,7 +174,6 @@ class OpenpiClient(ServerClient[WebSocket]):
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         read_execution(self._where, declared)  # raise an error if the server declares invalid execution settings
-        # True if the run itself serves the policy. Error messages then do not mention a server.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
@@ -202,7 +201,8 @@ class OpenpiClient(ServerClient[WebSocket]):
             if self._within:
                 raise PolicyError(printable(frame, most=_LONGEST_REASON))
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
-        value = decode_openpi(frame)
+        with errors_of(self._where):
+            value = decode_openpi(frame)
         if not isinstance(value, kinds):
             raise PolicyError(f"{self._where}: expected a map, got {type(value).__name__}.")
         if isinstance(value, Mapping) and isinstance(value.get("type"), str) and value["type"] == "error":

@@ -8,10 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
+import numpy as np
+
 from betterbench.errors import HandshakeError, one_line, printable
-from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
+from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.clients.connection import Connection, ConnectionLimits, PolicyConnection, api_key
+from betterbench.policies.clients.connection import (
+    Connection,
+    ConnectionLimits,
+    PolicyConnection,
+    api_key,
+    errors_of,
+)
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import Declaration, compare_declarations, declare_adapter, space_cure
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA
@@ -140,6 +148,8 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     """
 
     info: PolicyInfo
+    _within = False
+    """Whether the run itself serves the policy. Error messages then do not mention a server."""
     feeds_back = False
     """Whether the client can include the last executed action in the state that it sends (see ``Feedback`` in
     :mod:`betterbench.policies.conventions.adapter`).
@@ -175,7 +185,9 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         Raises HandshakeError with the old and the new value.
         """
         told = {str(name): plain_text(value) for name, value in declared.items()}
-        before, self._declared = self._declared or told, self._declared or told
+        if self._declared is None:
+            self._declared = told
+        before = self._declared
         for name in sorted(before.keys() | told.keys()):
             if before.get(name) != told.get(name):
                 was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
@@ -184,6 +196,16 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
                     f"now {now}. Start the server with the first policy and run the same command again, or "
                     "use --allow-changed-policy to continue with both policies in one run."
                 )
+
+    def _actions(self, reply: object, observation: Observation) -> np.ndarray:
+        """Convert a reply to actions, (horizon, dim) float64.
+
+        Raises PolicyError if the reply is malformed. The message names the server.
+        """
+        if self._within:
+            return self.adapter.actions(reply, observation)
+        with errors_of(self._where):
+            return self.adapter.actions(reply, observation)
 
     @property
     def figures(self) -> dict[str, float]:

@@ -74,7 +74,9 @@ class RequestClient:
                 if self._ended.is_set():
                     self._destroy()
         if empty or len(parts) != 1:
-            raise PolicyError(f"policy server {self.where} sent {len(parts)} frames instead of one.")
+            raise PolicyError(
+                f"the server sent {len(parts)} frames instead of one. Check that both sides use the same protocol."
+            )
         return parts[0]
 
     def _wait(self, deadline: float, timeout_s: float) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from betterbench.errors import PolicyError, last_line, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
 from betterbench.policies.conventions.answers import number_array
@@ -69,7 +70,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         with self._lock:
             data = self._connection.request(lambda connection, timeout_s: self._infer(connection, payload, timeout_s))
         return [
-            self.adapter.actions(sample, observation)
+            self._actions(sample, observation)
             for sample, observation in zip(self._samples(data, len(observations)), observations, strict=True)
         ]
 
@@ -102,7 +103,10 @@ class StarVlaClient(ServerClient[WebSocket]):
                 self._answered.append(identifier)
                 return self._data(reply)
             if not isinstance(number, str) or number not in self._answered:
-                raise PolicyError(f"{self._where} answered request {identifier} with {one_line(number, most=40)!r}.")
+                raise PolicyError(
+                    f"{self._where} answered request {identifier} with {one_line(number, most=40)!r}. "
+                    "An answer must have the request_id of its request."
+                )
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages, none of which answers the request.")
 
     def _data(self, reply: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -155,7 +159,8 @@ class StarVlaClient(ServerClient[WebSocket]):
         """
         if isinstance(frame, str):
             raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no message'}")
-        value = decode_openpi(frame)
+        with errors_of(self._where):
+            value = decode_openpi(frame)
         if not isinstance(value, Mapping):
             raise PolicyError(f"{self._where}: expected a map, got {type(value).__name__}.")
         return value

@@ -25,6 +25,7 @@ from betterbench.interface.actions import (
     LIBERO_ABSOLUTE,
 )
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import errors_of
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import Declaration, compare_declarations, read_declared
@@ -116,7 +117,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
 
         reply = self._connection.request(exchange)
         self._asked += 1
-        return self.adapter.actions(reply, observation)
+        return self._actions(reply, observation)
 
     @property
     def _compared(self) -> Declaration:
@@ -192,7 +193,10 @@ class VlaEvalClient(ServerClient[WebSocket]):
             frame = connection.receive(end - time.monotonic())
             message = self._decoded(frame, declares=expected == "hello") if isinstance(frame, bytes) else None
             if not isinstance(message, Mapping) or not isinstance(message.get("payload"), Mapping):
-                raise PolicyError(f"{self._where} sent a frame that is not a message with a type and a payload.")
+                raise PolicyError(
+                    f"{self._where} sent a frame that is not a message with a type and a payload. "
+                    "Check that the server uses vla-eval's protocol."
+                )
             payload: Mapping[Any, Any] = message["payload"]
             kind, number = message.get("type"), message.get("seq")
             if not isinstance(kind, str) or not isinstance(number, int):
@@ -203,11 +207,15 @@ class VlaEvalClient(ServerClient[WebSocket]):
             if kind == expected and number == sent:
                 return payload
             if number >= sent:
-                raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
+                raise PolicyError(
+                    f"{self._where} answered message {sent} with {one_line(kind, most=20)!r} number {number}. "
+                    "An answer must have the number of its message."
+                )
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages, none of which answers the request.")
 
     def _decoded(self, frame: bytes, *, declares: bool) -> object:
-        return read_declared(self._where, frame, decode_vla_eval) if declares else decode_vla_eval(frame)
+        with errors_of(self._where):
+            return read_declared(self._where, frame, decode_vla_eval) if declares else decode_vla_eval(frame)
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:

@@ -547,7 +547,10 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
             there = "no map"
             if isinstance(found, Mapping):
                 there = ", ".join(sorted(one_line(k, most=40) for k in found)[:20])
-            raise PolicyError(f"the reply has no {'/'.join(key)!r}. It has: {there or 'nothing'}.")
+            raise PolicyError(
+                f"the reply has no {'/'.join(key)!r}. It has: {there or 'nothing'}. "
+                "Choose another preset, or correct the adapter."
+            )
         found = found[name]
     return found
 

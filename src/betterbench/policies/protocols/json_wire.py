@@ -76,7 +76,9 @@ def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
         require_depth(value, MAX_DEPTH)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError, InvalidInputError) as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PolicyError(f"JSON of {len(data)} bytes cannot be read ({problem}).") from error
+        raise PolicyError(
+            f"JSON of {len(data)} bytes cannot be read ({problem}). Check that both sides use the same protocol."
+        ) from error
     return value
 
 

@@ -114,13 +114,17 @@ class WebSocket:
     def greeting(self, silence: str) -> Iterator[None]:
         """Context manager for the first exchange of messages, which closes the connection if the exchange fails.
 
-        ``silence`` is the message of the TimeoutError that is raised if the server sends nothing in time.
+        ``silence`` is the message of the TimeoutError that is raised if the server sends nothing in time. A PolicyError
+        becomes a HandshakeError, because a server that greets wrongly is another server or broken, whatever its policy.
         """
         try:
             yield
         except TimeoutError as error:
             self.close()
             raise TimeoutError(silence) from error
+        except PolicyError as error:
+            self.close()
+            raise HandshakeError(str(error)) from error
         except BaseException:
             self.close()
             raise
@@ -194,6 +198,9 @@ class WebSocket:
             return ConnectionError(f"the server answered HTTP {status}")
         if isinstance(error, (InvalidURI, UnicodeError)):
             return HandshakeError(f"{self._where} is not a websocket address ({error}).")
+        if isinstance(error, ConnectionClosed) or isinstance(error.__cause__, EOFError):
+            # The connection ended before the handshake, as behind a tunnel to a server that is down.
+            return ConnectionError("connections are closed without an answer")
         # The error may be an AssertionError of the library, which occurs if a server sends data before the handshake.
         return ConnectionError(f"the server is not a websocket server ({error})")
 

@@ -391,7 +391,10 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
         )
     except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PolicyError(f"{dialect} frame of {len(data)} bytes cannot be read ({problem}).") from error
+        raise PolicyError(
+            f"{dialect} frame of {len(data)} bytes cannot be read ({problem}). "
+            "Check that both sides use the same protocol."
+        ) from error
 
 
 def require_depth(value: object, most: int) -> None:
