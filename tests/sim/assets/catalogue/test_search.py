@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from dataclasses import replace
 
@@ -325,6 +326,18 @@ def spoil_tables(folder):
     database.commit()
 
 
+def spoil_pipe(folder):
+    (folder / "scales.npy").unlink()
+    os.mkfifo(folder / "scales.npy")
+
+
+def npy(header):
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
+
+
+HUGE = "{'descr': '<i2', 'fortran_order': False, 'shape': (10000000000000,)}"
+"""Header of an array of 20 TB, as the NumPy file states it."""
+
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not an asset catalogue"),
     "foreign": (spoil_application, "is not an asset catalogue"),
@@ -339,6 +352,10 @@ SPOILT = {
     ),
     "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy does not contain"),
     "missing": (lambda folder: (folder / "sketches.npy").unlink(), "sketches.npy cannot be read"),
+    "pipe": (spoil_pipe, "scales.npy cannot be read"),
+    "zip": (lambda folder: (folder / "vectors.npy").write_bytes(b"PK\x03\x04"), "vectors.npy cannot be read"),
+    "brackets": (lambda folder: (folder / "kinds.npy").write_bytes(npy("((((")), "kinds.npy cannot be read"),
+    "huge": (lambda folder: (folder / "kinds.npy").write_bytes(npy(HUGE)), "kinds.npy cannot be read"),
 }
 
 

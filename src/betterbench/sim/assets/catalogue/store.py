@@ -100,7 +100,7 @@ class Store:
         if application != _APPLICATION:
             raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Delete the folder and "
+            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Move the folder away and "
             "index the sources again."
         )
 
@@ -120,7 +120,7 @@ class Store:
 
     def _damaged(self, error: sqlite3.Error) -> RecordError:
         return RecordError(
-            f"{self.path}: is damaged or is not an asset catalogue ({error}). Remove the folder and "
+            f"{self.path}: is damaged or is not an asset catalogue ({error}). Move the folder away and "
             "index the sources again."
         )
 
