@@ -338,11 +338,20 @@ def npy(header):
 HUGE = "{'descr': '<i2', 'fortran_order': False, 'shape': (10000000000000,)}"
 """Header of an array of 20 TB, as the NumPy file states it."""
 
+def spoil_view(folder):
+    database = sqlite3.connect(folder / FILE)
+    database.execute("ALTER TABLE facts RENAME TO f")
+    endless = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r)"
+    database.execute(f"CREATE VIEW facts AS {endless} SELECT f.* FROM f, r")
+    database.commit()
+
+
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not an asset catalogue"),
     "foreign": (spoil_application, "is not an asset catalogue"),
     "version": (spoil_version, "is a version 99 catalogue, but version 3 is expected"),
     "tables": (spoil_tables, "is damaged"),
+    "view": (spoil_view, "is not an asset catalogue"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy cannot be read"),
     "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy does not contain"),
     "kinds cut": (lambda folder: np.save(folder / "kinds.npy", np.zeros(3, np.int16)), "kinds.npy has 3 rows"),

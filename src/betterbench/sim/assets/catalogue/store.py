@@ -94,10 +94,12 @@ class Store:
     def _require_ours(self) -> None:
         (application,) = self._database.execute("PRAGMA application_id").fetchone()
         (version,) = self._database.execute("PRAGMA user_version").fetchone()
-        if application == _APPLICATION and version == VERSION:
+        # A view or a trigger of another person could run a query that never ends.
+        kinds = {kind for (kind,) in self._database.execute("SELECT type FROM sqlite_master")}
+        if application == _APPLICATION and version == VERSION and kinds <= {"table", "index"}:
             return
         self._database.close()
-        if application != _APPLICATION:
+        if application != _APPLICATION or version == VERSION:
             raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
             f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Move the folder away and "
