@@ -338,6 +338,7 @@ def npy(header):
 HUGE = "{'descr': '<i2', 'fortran_order': False, 'shape': (10000000000000,)}"
 """Header of an array of 20 TB, as the NumPy file states it."""
 
+
 def spoil_view(folder):
     database = sqlite3.connect(folder / FILE)
     database.execute("ALTER TABLE facts RENAME TO f")
