@@ -8,7 +8,6 @@ import os
 import stat
 from pathlib import Path
 
-
 MOST_BYTES = 1 << 30
 """Maximum size of a file that :func:`read_ordinary` reads [byte]."""
 

@@ -342,8 +342,9 @@ HUGE = "{'descr': '<i2', 'fortran_order': False, 'shape': (10000000000000,)}"
 def spoil_view(folder):
     database = sqlite3.connect(folder / FILE)
     database.execute("ALTER TABLE facts RENAME TO f")
-    endless = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r)"
-    database.execute(f"CREATE VIEW facts AS {endless} SELECT f.* FROM f, r")
+    database.execute(
+        "CREATE VIEW facts AS WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r) SELECT f.* FROM f, r"
+    )
     database.commit()
 
 

@@ -102,8 +102,8 @@ class Store:
         if application != _APPLICATION or version == VERSION:
             raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Move the folder away and "
-            "index the sources again."
+            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Move the folder away "
+            "and index the sources again."
         )
 
     @contextlib.contextmanager
