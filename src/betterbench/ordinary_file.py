@@ -8,9 +8,12 @@ import os
 import stat
 from pathlib import Path
 
+MOST_BYTES = 1 << 30
+"""Maximum size of a file that :func:`read_ordinary` reads [byte]."""
+
 
 class NotOrdinaryError(OSError):
-    """A path leads to a folder, pipe, socket or device instead of a regular file."""
+    """A path leads to a folder, pipe, socket or device instead of a regular file, or to a file that is too large."""
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
@@ -37,6 +40,8 @@ def open_ordinary(path: Path) -> io.BufferedReader:
 
 
 def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file. Raises the same errors as :func:`open_ordinary`."""
+    """Return the content of a file of at most :data:`MOST_BYTES`. Raises the same errors as :func:`open_ordinary`."""
     with open_ordinary(path) as file:
+        if os.fstat(file.fileno()).st_size > MOST_BYTES:
+            raise NotOrdinaryError(errno.EINVAL, f"is larger than {MOST_BYTES} bytes", str(path))
         return file.read()

@@ -193,6 +193,17 @@ def test_a_journal_of_another_plan_is_refused(copy, change):
             attempt()
 
 
+def test_a_second_result_under_the_name_of_another_condition_is_refused(copy):
+    lines = [json.loads(line) for line in copy.journal_path.read_text().splitlines()]
+    form = {**next(line for line in lines if line["variation"]), "condition": "train1"}
+    del form["link"]
+    last = {**form, "link": link_after(lines[-1]["link"], form)}
+    with copy.journal_path.open("ab") as journal:
+        journal.write(dump_json(last) + b"\n")
+    with pytest.raises(RecordError, match="train1/0 is a second result of"):
+        RunFolder.open(copy.path).entries()
+
+
 def without_link(line):
     return json.dumps({name: value for name, value in json.loads(line).items() if name != "link"})
 

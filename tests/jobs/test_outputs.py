@@ -212,6 +212,9 @@ def test_a_folder_and_a_pipe_are_not_read(tmp_path):
     assert read_ordinary(tmp_path / "file") == b"1"
     with pytest.raises(FileNotFoundError):
         open_ordinary(tmp_path / "none")
+    os.truncate(tmp_path / "file", 1 << 40)  # takes no room on the disk
+    with pytest.raises(NotOrdinaryError, match="is larger than"):
+        read_ordinary(tmp_path / "file")
 
 
 @pytest.mark.parametrize("what", ["end", "write", "error"])

@@ -272,6 +272,14 @@ def test_impossible_samples_are_refused(tmp_path, change, says):
         Samples.read(path)
 
 
+def test_samples_that_unpack_to_too_much_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("betterbench.records.arrays.MAX_UNPACKED_BYTES", 1 << 10)
+    path = tmp_path / SAMPLES_NAME
+    path.write_bytes(samples_of(100).to_bytes())
+    with pytest.raises(RecordError, match="unpacks to more than 1024 bytes"):
+        Samples.read(path)
+
+
 def test_samples_that_are_no_samples_are_refused(tmp_path):
     path = tmp_path / SAMPLES_NAME
     path.write_bytes(b"PAR1 nothing PAR1")

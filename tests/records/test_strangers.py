@@ -31,6 +31,7 @@ from betterbench.jobs import write_durably
 from betterbench.jobs.outputs import LIST_NAME, OutputFolder
 from betterbench.json_form import parse_json, sealed_form
 from betterbench.policies.conventions.adapter import Adapter
+from betterbench.real.plan import PLAN_NAME, RealPolicy, make_plan, write_plan
 from betterbench.records import RunFolder, read_record
 from betterbench.records.scene_archive import read_scene
 from betterbench.records.twins import PAIRS_FILE, read_pairs
@@ -58,6 +59,7 @@ def of_text(name, text, read):
     return begun, read
 
 
+NOOP = [RealPolicy("still", "noop")]
 PLACES = {
     **{
         name: (kind.make, kind.read)
@@ -71,6 +73,7 @@ PLACES = {
     "submission": of_text("a.json", "", read_submission),
     "prediction": of_text("a.json", "", read_prediction),
     "adapter": of_text("a.json", "", Adapter.load),
+    "plan of a real arm": of_text(PLAN_NAME, "{}", lambda p: write_plan(p.parent, make_plan(NOOP))),
     "recipe of a data set": of_text("recipe.json", "", lambda p: read_recipe(p.parent)),
     "settings of modalities": of_text(SETTINGS_FILE, "", lambda p: read_settings(p.parent)),
     "tables of a paper": of_text("a.json", "", load_tables),

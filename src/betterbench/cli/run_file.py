@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
+from betterbench.cli.yaml_file import read_yaml
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import read_form, strict_form
 
 _OPTION = "--run-file"
-_MAX_BYTES = 64 * 1024
 _MAX_DEPTH = 4
 _CURE = "Correct the run file; docs/command-line.md shows an example"
 
@@ -83,45 +83,14 @@ def read_run_file(path: Path) -> RunFile:
         InvalidInputError: If the file is missing, is not YAML, or has a malformed field.
         UnknownNameError: If the file has a field that is not an option.
     """
-    import yaml
-
-    text = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
-    try:
-        _require_plain(path, text)
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        if not isinstance(node, yaml.MappingNode):
-            raise InvalidInputError(
-                str(path), "the file contains no options", f"Write lines like `trials: 20`. {_CURE}"
-            )
-        form = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = " ".join(str(error).split())[:200] or "it is nested too deep"
-        raise InvalidInputError(str(path), f"the file is not YAML ({problem})", _CURE) from error
-    names = [str(key.value).replace("-", "_") for key, _ in node.value]
+    form = read_yaml(path, cure=_CURE, deepest=_MAX_DEPTH)
+    names = [str(key).replace("-", "_") for key in form]
     for i, name in enumerate(names):
         if name not in RunFile.__dataclass_fields__:
-            raise UnknownNameError(f"option in {path}", name[:80], RunFile.__dataclass_fields__)
+            raise UnknownNameError(f"option in {path}", name, RunFile.__dataclass_fields__)
         if name in names[:i]:
             raise InvalidInputError(f"{path}: {name}", "the option occurs twice", "Set each option only once")
     return read_form(_FORM, dict(zip(names, form.values(), strict=True)), where=str(path), cure=_CURE)
-
-
-def _require_plain(path: Path, text: bytes) -> None:
-    """Reject aliases and deep nesting, which can be slow to parse and which options never need."""
-    import yaml
-
-    opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
-    opening += (yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)
-    closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
-    depth = 0
-    for token in yaml.scan(text):
-        depth += isinstance(token, opening) - isinstance(token, closing)
-        if isinstance(token, yaml.AliasToken):
-            raise InvalidInputError(
-                str(path), "the file uses a YAML alias (*name)", "Write the value in place of the alias"
-            )
-        if depth > _MAX_DEPTH:
-            raise InvalidInputError(str(path), "the file is nested too deeply", _CURE)
 
 
 def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import read_bounded
 
 if TYPE_CHECKING:
@@ -46,8 +46,10 @@ def read_yaml(path: Path, *, cure: str, deepest: int = 6, max_bytes: int = _MAX_
         node = loader.get_single_node()
         _require_once(path, node)
         found = None if node is None else loader.construct_document(node)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = " ".join(str(error).split())[:200] or "it is nested too deep"
+    except InvalidInputError:
+        raise
+    except Exception as error:  # PyYAML raises any exception for a value that does not match its tag
+        problem = "it is nested too deep" if isinstance(error, RecursionError) else one_line(error, most=200)
         raise InvalidInputError(str(path), f"the file is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
         raise InvalidInputError(str(path), "the file contains no fields", f"Write lines like `name: value`. {cure}")

@@ -27,6 +27,7 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface.actions import SO101_DEGREES, SO101_NORMALIZED, ActionSpace
 from betterbench.jobs.durable import write_durably
 from betterbench.json_form import open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.ordinary_file import read_ordinary
 from betterbench.tasks import get_task
 from betterbench.tasks.interventions.resolve import resolve_condition
 
@@ -289,7 +290,7 @@ def write_plan(folder: Path, plan: RealPlan) -> Path:
     """
     path = folder / PLAN_NAME
     data = plan_bytes(plan)
-    if path.exists() and path.read_bytes() != data:
+    if path.exists() and read_ordinary(path) != data:
         raise InvalidInputError(
             str(path), "the folder contains a different plan, and a plan cannot be changed", "Choose another folder"
         )

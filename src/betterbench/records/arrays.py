@@ -16,10 +16,13 @@ import pyarrow.parquet as pq
 
 from betterbench.errors import RecordError, one_line
 from betterbench.json_form import read_bounded
-from betterbench.records.parquet import COMPRESSION_LEVEL
+from betterbench.records.parquet import COMPRESSION_LEVEL, unpacked_bytes
 
 MAX_BYTES = 1 << 28
 """Maximum size of a file that is read [byte]."""
+
+MAX_UNPACKED_BYTES = 1 << 29
+"""Maximum size of all columns after decompression [byte]."""
 
 _KINDS = {"number": (pa.float64(), np.float64), "boolean": (pa.bool_(), np.bool_)}
 
@@ -44,11 +47,15 @@ def read_arrays(path: Path, columns: Mapping[str, Column], *, cure: str) -> dict
     """Read the arrays in a file and return them by column name, each (rows,) or (rows, width). Numbers may be NaN.
 
     Raises:
-        RecordError: If the file cannot be read, or if a column is missing, has an unexpected type or has empty cells.
+        RecordError: If the file cannot be read or is too large, or if a column is missing, has an unexpected type or
+            has empty cells.
     """
     raw = read_bounded(path, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     try:
-        table = pq.read_table(pa.BufferReader(raw))
+        with pq.ParquetFile(pa.BufferReader(raw)) as file:
+            if unpacked_bytes(file) > MAX_UNPACKED_BYTES:
+                raise RecordError(f"{path}: the file unpacks to more than {MAX_UNPACKED_BYTES} bytes. {cure}.")
+            table = file.read()
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{path}: the file is not readable as Parquet ({one_line(error)}). {cure}.") from error
     found = {}

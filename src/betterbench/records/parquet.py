@@ -270,8 +270,13 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
         )
     if file.metadata.num_rows < 1:
         raise RecordError("the record has no rows; record the trial again")
-    # Do not read the metadata of single columns: pyarrow 26 then aborts the process on some malformed files.
-    rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
-    groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
-    if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:
+    if unpacked_bytes(file) > MAX_UNPACKED_BYTES:
         raise RecordError(f"the file unpacks to more than {MAX_UNPACKED_BYTES} bytes, so it is not a record")
+
+
+def unpacked_bytes(file: pq.ParquetFile) -> int:
+    """Return the size of all columns after decompression [byte], as the metadata of the file state it."""
+    # Do not read the metadata of single columns: pyarrow 26 then aborts the process on some malformed files.
+    rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in file.schema_arrow)
+    groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
+    return int(max(sum(group.total_byte_size for group in groups), rows * per_row * 8))

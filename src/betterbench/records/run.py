@@ -297,15 +297,20 @@ class RunFolder:
             )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Raise RecordError if the journal lists a trial that is not planned."""
-        planned = self._planned
+        """Raise RecordError if the journal lists a trial that is not planned, or lists it twice."""
+        planned, listed = self._planned, set[TrialId]()
         for entry in entries if planned is not None else ():
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
             trial = planned.get(key)  # type: ignore[union-attr] # checked above
-            if trial is None or trial.get("variation") != entry.variation:
-                problem = (
-                    "is not planned" if trial is None else f"is not planned as a trial of {one_line(entry.variation)}"
-                )
+            problem = ""
+            if trial is None:
+                problem = "is not planned"
+            elif trial.get("variation") != entry.variation:
+                problem = f"is not planned as a trial of {one_line(entry.variation)}"
+            elif key in listed:
+                problem = f"is a second result of {one_line(key)}"
+            listed.add(key)
+            if problem:
                 raise RecordError(
                     f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json belongs to "
                     f"a different run. Restore both from a copy, or evaluate into a new folder."

@@ -24,7 +24,7 @@ def frames_of(video: Path, numbers: tuple[int, ...]) -> tuple[bytes, ...]:
     """
     found, last = dict[int, bytes](), None
     try:
-        with av.open(str(video)) as container:
+        with av.open(str(video), format="mp4") as container:  # other formats could name further files
             for number, frame in enumerate(container.decode(video=0)):
                 last = frame
                 if number in numbers:

@@ -403,14 +403,23 @@ def test_a_check_needs_the_runs_of_all_records(demonstrations, sets):
         check_export([], sets["v3"])
 
 
+def test_frames_that_unpack_to_too_much_are_not_read(demonstrations, sets, monkeypatch):
+    monkeypatch.setattr("betterbench.demonstrations.export.lerobot_check.MAX_UNPACKED_BYTES", 100)
+    with pytest.raises(InvalidInputError, match="unpacks to more than 100 bytes"):
+        check_export([demonstrations.run], sets["v3"])
+
+
 def test_an_unreadable_video_is_one_line_that_names_it(demonstrations, sets, tmp_path):
     out = copy_of(sets, "v3", tmp_path)
     video = next(out.rglob("*.mp4"))
-    video.write_bytes(video.read_bytes()[:300])
-    with pytest.raises(
-        InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export the data set again"
-    ):
-        check_export([demonstrations.run], out)
+    whole = video.read_bytes()
+    (video.parent / "other.mp4").write_bytes(whole)
+    for data in (whole[:300], b"ffconcat version 1.0\nfile other.mp4\n"):  # a list of other videos is no video
+        video.write_bytes(data)
+        with pytest.raises(
+            InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export the data set again"
+        ):
+            check_export([demonstrations.run], out)
 
 
 @each("name", ["v3", "png", *(["hdf5"] if H5PY else [])])

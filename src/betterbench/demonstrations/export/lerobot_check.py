@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from betterbench.demonstrations.export.video import read_pictures
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import parse_json
 from betterbench.ordinary_file import read_ordinary
+from betterbench.records.parquet import MAX_UNPACKED_BYTES, unpacked_bytes
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
 """Pattern of the range of training episodes in LeRobot's notation."""
@@ -120,7 +122,7 @@ class LeRobotCheck(ABC):
 
     def _open(self, name: str, wanted: pa.Table) -> pa.Table:
         """Read a frame file, leaving out the questions in its language column."""
-        with intact(str(self.path / name)), pq.ParquetFile(io.BytesIO(_read(self.path / name))) as file:
+        with _parquet_file(self.path / name) as file:
             schema = file.schema_arrow
             require_equal(_types(schema), _types(wanted.schema), f"{self.path / name}: columns")
             described = parse_json((schema.metadata or {}).get(b"huggingface", b"null"))
@@ -312,8 +314,16 @@ def _lines(file: Path) -> list[Any]:
 
 
 def _parquet(path: Path) -> pa.Table:
-    with intact(str(path)), pq.ParquetFile(io.BytesIO(_read(path))) as file:
+    with _parquet_file(path) as file:
         return file.read(use_threads=False)
+
+
+@contextmanager
+def _parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
+    with intact(str(path)), pq.ParquetFile(io.BytesIO(_read(path))) as file:
+        if unpacked_bytes(file) > MAX_UNPACKED_BYTES:
+            raise InvalidInputError(str(path), f"it unpacks to more than {MAX_UNPACKED_BYTES} bytes", CURE)
+        yield file
 
 
 def _read(path: Path) -> bytes:

@@ -123,7 +123,7 @@ def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple
     try:
         with (
             open_ordinary(Path(source)) if isinstance(source, str) else source as opened,
-            av.open(opened, "r") as container,
+            av.open(opened, "r", format="mp4") as container,  # other formats could name further files
         ):
             stream: Any = container.streams.video[0]
             rate, base = stream.average_rate, stream.time_base

@@ -148,7 +148,8 @@ def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
     """Read the rows of a table up to a step. Raises RecordError if the table cannot be read."""
     try:
         readers = [_READERS[str(f.type)] for f in fields(kind)]
-        cells = [*csv.reader(read_ordinary(path).decode().splitlines())][1:]
+        cells = csv.reader(io.StringIO(read_ordinary(path).decode()))
+        next(cells, None)  # the header
         rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise RecordError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from dataclasses import replace
 
@@ -325,11 +326,34 @@ def spoil_tables(folder):
     database.commit()
 
 
+def spoil_pipe(folder):
+    (folder / "scales.npy").unlink()
+    os.mkfifo(folder / "scales.npy")
+
+
+def npy(header):
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
+
+
+HUGE = "{'descr': '<i2', 'fortran_order': False, 'shape': (10000000000000,)}"
+"""Header of an array of 20 TB, as the NumPy file states it."""
+
+
+def spoil_view(folder):
+    database = sqlite3.connect(folder / FILE)
+    database.execute("ALTER TABLE facts RENAME TO f")
+    database.execute(
+        "CREATE VIEW facts AS WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r) SELECT f.* FROM f, r"
+    )
+    database.commit()
+
+
 SPOILT = {
     "text": (lambda folder: (folder / FILE).write_bytes(b"no database" * 99), "not an asset catalogue"),
     "foreign": (spoil_application, "is not an asset catalogue"),
     "version": (spoil_version, "is a version 99 catalogue, but version 3 is expected"),
     "tables": (spoil_tables, "is damaged"),
+    "view": (spoil_view, "is not an asset catalogue"),
     "cut": (lambda folder: (folder / "vectors.npy").write_bytes(b"\x93NUMPY\x01\x00"), "vectors.npy cannot be read"),
     "other": (lambda folder: np.save(folder / "faces.npy", np.zeros(3)), "faces.npy does not contain"),
     "kinds cut": (lambda folder: np.save(folder / "kinds.npy", np.zeros(3, np.int16)), "kinds.npy has 3 rows"),
@@ -339,6 +363,10 @@ SPOILT = {
     ),
     "kind texts": (lambda folder: np.save(folder / "kind_texts.npy", np.zeros(3)), "kind_texts.npy does not contain"),
     "missing": (lambda folder: (folder / "sketches.npy").unlink(), "sketches.npy cannot be read"),
+    "pipe": (spoil_pipe, "scales.npy cannot be read"),
+    "zip": (lambda folder: (folder / "vectors.npy").write_bytes(b"PK\x03\x04"), "vectors.npy cannot be read"),
+    "brackets": (lambda folder: (folder / "kinds.npy").write_bytes(npy("((((")), "kinds.npy cannot be read"),
+    "huge": (lambda folder: (folder / "kinds.npy").write_bytes(npy(HUGE)), "kinds.npy cannot be read"),
 }
 
 

@@ -16,7 +16,7 @@ from betterbench.sim.assets.catalogue.expansion import SAYS_LITTLE, Query, role_
 from betterbench.sim.assets.catalogue.hypernyms import kind_named, members_named
 from betterbench.sim.assets.catalogue.kinds import kinds_named, listed_kinds, number_of
 from betterbench.sim.assets.catalogue.terms import terms
-from betterbench.sim.assets.catalogue.vectors import damaged, text_digest
+from betterbench.sim.assets.catalogue.vectors import damaged, stored_array, text_digest
 
 HEAD_SHARE = 0.2
 """Weight of a query's head ("a bowl" in "a bowl for fruit") in the similarity to a kind. The whole query has the
@@ -86,8 +86,8 @@ class KindIndex:
     """
 
     def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
-        self.rows = _load(folder / _ROWS)
-        self.table = _load(folder / _TEXTS)
+        self.rows = stored_array(folder / _ROWS)
+        self.table = stored_array(folder / _TEXTS)
         for array, kind, name in ((self.rows, np.dtype("<i2"), _ROWS), (self.table, _line(dimension), _TEXTS)):
             if array.dtype != kind or array.ndim != 1:
                 raise damaged(folder / name, f"does not contain a one-dimensional array of type {kind}")
@@ -250,13 +250,3 @@ def _uses_of(
 def _stem(word: str) -> str:
     """Remove verb endings from a word, so that "squeezed" and "squeeze" become equal."""
     return _ENDING.sub("", word) if len(word) > _LONG else word
-
-
-def _load(path: Path) -> np.ndarray:
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise damaged(path, f"cannot be read ({error})") from error
-    if not isinstance(array, np.ndarray):
-        raise damaged(path, "is not an array")
-    return array

@@ -94,14 +94,16 @@ class Store:
     def _require_ours(self) -> None:
         (application,) = self._database.execute("PRAGMA application_id").fetchone()
         (version,) = self._database.execute("PRAGMA user_version").fetchone()
-        if application == _APPLICATION and version == VERSION:
+        # A view or a trigger of another person could run a query that never ends.
+        kinds = {kind for (kind,) in self._database.execute("SELECT type FROM sqlite_master")}
+        if application == _APPLICATION and version == VERSION and kinds <= {"table", "index"}:
             return
         self._database.close()
-        if application != _APPLICATION:
+        if application != _APPLICATION or version == VERSION:
             raise RecordError(f"{self.path} is not an asset catalogue. Use a different folder.")
         raise RecordError(
-            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Delete the folder and "
-            "index the sources again."
+            f"{self.path} is a version {version} catalogue, but version {VERSION} is expected. Move the folder away "
+            "and index the sources again."
         )
 
     @contextlib.contextmanager
@@ -120,7 +122,7 @@ class Store:
 
     def _damaged(self, error: sqlite3.Error) -> RecordError:
         return RecordError(
-            f"{self.path}: is damaged or is not an asset catalogue ({error}). Remove the folder and "
+            f"{self.path}: is damaged or is not an asset catalogue ({error}). Move the folder away and "
             "index the sources again."
         )
 

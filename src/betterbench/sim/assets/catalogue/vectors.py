@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from betterbench.errors import RecordError
+from betterbench.errors import RecordError, one_line
 from betterbench.jobs.durable import DurableFile
+from betterbench.ordinary_file import open_ordinary
 
 EXACT_ROWS = 20_000
 """Maximum number of catalogue rows for which a search compares every vector."""
@@ -141,11 +142,8 @@ class VectorIndex:
     def __init__(self, folder: Path, *, count: int, dimension: int) -> None:
         def load(name: str, shape: tuple[int, ...], kind: str, *, mapped: bool = False) -> np.ndarray:
             path = folder / f"{name}.npy"
-            try:
-                array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
-            except (OSError, ValueError, EOFError) as error:
-                raise damaged(path, f"cannot be read ({error})") from error
-            if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != np.dtype(kind):
+            array = stored_array(path, mapped=mapped)
+            if array.shape != shape or array.dtype != np.dtype(kind):
                 raise damaged(path, f"does not contain an array of shape {shape} and type {kind}")
             return array
 
@@ -272,9 +270,24 @@ def _parts(places: np.ndarray) -> Iterator[np.ndarray]:
         yield places[start : start + _SPREAD]
 
 
+def stored_array(path: Path, *, mapped: bool = False) -> np.ndarray:
+    """Read the array in a NumPy file. If ``mapped`` is True, its values are read from the file when they are needed.
+
+    Raises:
+        RecordError: If the file is missing, not a regular file, or damaged.
+    """
+    try:
+        open_ordinary(path).close()  # NumPy would wait for a pipe
+        # A mapping rejects a header that states a larger array than the file contains, before memory is reserved.
+        array: np.ndarray = np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # NumPy raises any exception for a damaged header
+        raise damaged(path, f"cannot be read ({one_line(error)})") from error
+    return array if mapped else np.array(array)
+
+
 def damaged(path: Path, problem: str) -> RecordError:
     """Create the error for a damaged file of an index."""
-    return RecordError(f"{path} {problem}. Remove the folder and index the sources again.")
+    return RecordError(f"{path} {problem}. Move the folder away and index the sources again.")
 
 
 def columns_of(values: Sequence[tuple[int, int, int, int, float]]) -> Columns:
