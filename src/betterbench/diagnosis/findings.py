@@ -78,9 +78,12 @@ def find_notes(
             f"change."
         )
     if missing:
-        have = "has" if len(missing) == 1 else "have"
-        trials_without = plural(len(missing), "planned trial")
-        notes.append(f"{trials_without} {have} no record and count as policy_error: {_first_few(missing)}.")
+        one = len(missing) == 1
+        notes.append(
+            f"{plural(len(missing), 'planned trial')} {'has' if one else 'have'} no record and "
+            f"{'counts' if one else 'count'} as policy_error: {_first_few(missing)}. Run the same command again to "
+            f"repeat {'it' if one else 'them'}."
+        )
     left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
     if left:
         notes.append(
