@@ -194,11 +194,11 @@ def test_a_file_has_the_same_quotas_as_the_options() -> None:
         (10, ["template=loose_packing:1", "template=loose_packing:2"], "occurs 2 times"),
         (3, ["template=loose_packing:10%-20%"], "at least 1 and at most 0"),
         (10, ["difficulty=easy:0-3", "difficulty=medium:0-3", "difficulty=hard:0-3"], "allow only 9 tasks"),
-        (40, ["template=recursive_stacking:20"], "the grammar has only 1 different goals for it"),
+        (40, ["template=recursive_stacking:20"], "the offline author has only 1 different goals for it"),
         (10, ["context=kitchn:1"], "Did you mean 'kitchen'"),
         (10, ["axis=recomposition:90%"], "at most"),
-        (9_000, [], "the grammar has"),
-        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the grammar has only 0 different goals"),
+        (9_000, [], "the offline author has"),
+        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the offline author has only 0 different goals"),
     ],
 )
 def test_contradictions_are_found_before_any_work(until: int, quotas: list[str], said: str) -> None:
