@@ -108,8 +108,8 @@ def _plain(name: str, parts: list[RawPart]) -> VisualPart:
     return VisualPart(name, _single(vertices), _index(faces), (r, g, b, max(a, 0.05)), smooth=False)
 
 
-def _painted(mesh: RawMesh, where: str) -> VisualPart:
-    vertices, faces = _reduced_enough(*mesh.surface(), where)
+def _painted(mesh: RawMesh, file: str) -> VisualPart:
+    vertices, faces = _reduced_enough(*mesh.surface(), file)
     faces = _without_needles(vertices, faces)
     points, normals, colors = _colored_points(mesh)
     where, owners, weights, uv = _atlas(len(faces))
@@ -136,7 +136,6 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray, where: str) -> tupl
     size = float(np.ptp(vertices, axis=0).max())
     before = spread_points(vertices, faces, size / 120.0, most=_MOST_POINTS)
     of_before: cKDTree | None = None
-    of_after = None
     is_lost = False
     for budget in (FACE_BUDGET, THIN_FACE_BUDGET):
         points, triangles = reduced(vertices, faces, budget)
@@ -157,10 +156,10 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray, where: str) -> tupl
                 continue
             points, triangles = whole
             after = spread_points(points, triangles, size / 120.0, most=_MOST_POINTS)
-            of_after = _tree_of(after)
-            if not _is_lost(before, of_after, size):
+            if not _is_lost(before, _tree_of(after), size):
                 break
-        lost = float(np.mean(of_after.query(before)[0] > LOST_SHARE * size))
+        after = spread_points(points, triangles, size / 120.0, most=_MOST_POINTS)
+        lost = float(np.mean(_tree_of(after).query(before)[0] > LOST_SHARE * size))
         if lost > MOST_LOST:
             problem = (
                 f"it has too many parts: of its {len(faces):,} triangles, {WIRES_FACE_BUDGET:,} may be kept, and "

@@ -200,7 +200,10 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
         mass, why = _DENSEST * volume, f"{_DENSEST:g} kg/m^3 of solid: it is slimmer than a usual {kind.name}"
     else:
         mass, why = kind.mass_at(longest), f"usual for {with_article(kind.name)} of this size"
-    mass = round(min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG), 4)
+    limited = min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG)
+    if limited != mass:
+        why = f"the {'least' if limited > mass else 'most'} that is assumed, instead of {1000 * mass:.3g} g: {why}"
+    mass = round(limited, 4)
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
 
