@@ -225,6 +225,14 @@ def test_the_suite_has_n_tasks_of_different_goals(grow: Grow) -> None:
     assert "20 tasks are certified" in grown.reason
 
 
+def test_one_certified_task_is_counted_in_the_singular(grow: Grow, tmp_path: Path) -> None:
+    grown = grow(settings(1))
+    assert grown.reason == "1 task is certified."
+    page = write_growth_page(grown, tmp_path / "growth.html", seeds=1, cards={}).read_text(encoding="utf-8")
+    assert "1 task is certified. It has" in page
+    assert "1 scenario was built" in page
+
+
 def test_quotas_are_filled(grow: Grow) -> None:
     asked = ("template=loose_packing:40%", "context=kitchen:5", "template=logical_assembly:0-1", "axis=temporal:22%")
     grown = grow(settings(20, *asked))
