@@ -65,7 +65,7 @@ def test_quotas_come_from_a_file(capsys, tmp_path, content):
         (["--until", "0"], "--until: 0 is out of range"),
         (["--until", "2", "--quota", "template=loose_paking:1"], "Did you mean 'loose_packing'"),
         (["--until", "2", "--quota", "template=loose_packing:3"], "need 3 tasks, but there are only 2"),
-        (["--until", "5000"], "--until: needs 5000 tasks, but the grammar has only"),
+        (["--until", "5000"], "--until: needs 5000 tasks, but the offline author has only"),
         (["Put the fruit into the lunchbox", "--until", "2"], "a sentence describes a single scenario"),
         (["loose_paking", "--until", "2"], "Did you mean 'loose_packing'"),
         (["--until", "2", "--num", "3"], "--num: cannot be combined with --until"),

@@ -101,6 +101,11 @@ def test_a_number_asks_for_several():
             "Hide the sponge and the two black staplers in the lower drawer",
             "has 3 objects for the group 'items' .sponge, black stapler, black stapler.. Use at most 2",
         ),
+        (
+            "Throw two red cans into the bin",
+            "has the red can twice, but all objects must differ in kind or color. Use it",
+        ),
+        ("Put two staplers into the upper drawer", "refers to several items, and each target takes one"),
         ("Lege den roten Apfel in die Brotdose", "in English"),
         ("Put banana and apple into the box", "Unknown object 'banana'"),
         ("Put the mug into the lunchbox", "Unknown object 'mug'.*constrained_positioning"),

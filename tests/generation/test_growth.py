@@ -194,11 +194,11 @@ def test_a_file_has_the_same_quotas_as_the_options() -> None:
         (10, ["template=loose_packing:1", "template=loose_packing:2"], "occurs 2 times"),
         (3, ["template=loose_packing:10%-20%"], "at least 1 and at most 0"),
         (10, ["difficulty=easy:0-3", "difficulty=medium:0-3", "difficulty=hard:0-3"], "allow only 9 tasks"),
-        (40, ["template=recursive_stacking:20"], "the grammar has only 1 different goals for it"),
+        (40, ["template=recursive_stacking:20"], "the offline author has only 1 different goals for it"),
         (10, ["context=kitchn:1"], "Did you mean 'kitchen'"),
         (10, ["axis=recomposition:90%"], "at most"),
-        (9_000, [], "the grammar has"),
-        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the grammar has only 0 different goals"),
+        (9_000, [], "the offline author has"),
+        (10, ["template=loose_packing:0-0", "context=picnic:1"], "the offline author has only 0 different goals"),
     ],
 )
 def test_contradictions_are_found_before_any_work(until: int, quotas: list[str], said: str) -> None:
@@ -223,6 +223,14 @@ def test_the_suite_has_n_tasks_of_different_goals(grow: Grow) -> None:
     assert grown.suite is not None
     assert set(read_suite_folder(grown.suite).tasks) == {t.result.task_id for t in grown.accepted}
     assert "20 tasks are certified" in grown.reason
+
+
+def test_one_certified_task_is_counted_in_the_singular(grow: Grow, tmp_path: Path) -> None:
+    grown = grow(settings(1))
+    assert grown.reason == "1 task is certified."
+    page = write_growth_page(grown, tmp_path / "growth.html", seeds=1, cards={}).read_text(encoding="utf-8")
+    assert "1 task is certified. It has" in page
+    assert "1 scenario was built" in page
 
 
 def test_quotas_are_filled(grow: Grow) -> None:

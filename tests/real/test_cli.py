@@ -68,7 +68,8 @@ def test_bad_arguments_are_one_clear_line(arguments, says, tmp_path, monkeypatch
         (["--robot", "mock", "--mock-faults", "speed=3"], "speed"),
         (["--robot", "mock", "--limits", "limits.json"], "speed_rad_s: expected a positive number, got -1.0"),
         (["--robot", "mock", "--camera-size", "320", "0"], "--camera-size: 0 is out of range"),
-        (["--robot", "mock", "--author", " "], "--author: '' is not a valid name"),
+        (["--robot", "mock", "--author", " "], "--author: ' ' is not a valid name"),
+        (["--robot", "mock", "--author", "Ben "], "'Ben ' is not a valid name. Use a name of 1 to 80 printable"),
     ],
 )
 def test_a_run_with_bad_options_moves_nothing(options, says, tmp_path, monkeypatch, capsys):

@@ -7,7 +7,7 @@ from tests.looping import each
 from tests.real.joint_script import Script
 
 from betterbench.real.labels import UNSCORED, Judged, Setting, contradiction_of, label_of
-from betterbench.real.outcomes import OUTCOMES
+from betterbench.real.outcomes import OUTCOMES, outcome_named
 from betterbench.real.record import Entry, Seen
 from betterbench.real.signals import Grip
 from betterbench.tasks.labels import Kind, Label
@@ -124,7 +124,7 @@ def test_an_entry_that_the_joints_rule_out_is_named_and_decides_nothing(conditio
     found = label(condition, signals, outcome)
     assert found.label is None
     assert found.rule == "contradiction"
-    assert f"entered {outcome!r}" in found.contradiction
+    assert f"entered '{outcome_named(outcome).title}'" in found.contradiction
     assert says in found.contradiction
     assert "Neither is trusted" in found.text
 
@@ -153,9 +153,9 @@ def test_judges_decide_by_more_than_half_and_operators_decide_nothing():
     assert Judged.of([]).outcome is None
     alone = Judged.of([operator])
     assert alone.outcome is None
-    assert "The operator entered 'done', which is not blind." in alone.why_open
+    assert "The operator, who is not blind, entered 'did all that was asked'." in alone.why_open
     assert Judged.of([operator, entry("ada", "froze")]).outcome == "froze"
     torn = Judged.of([operator, entry("ada", "froze"), entry("ben", "part")])
     assert torn.outcome is None
-    assert "(ada: froze and ben: part)" in torn.why_open
+    assert "(ada: stood still and ben: did a part and ended)" in torn.why_open
     assert Judged.of([entry("ada", "froze"), entry("ben", "part"), entry("eve", "part")]).outcome == "part"

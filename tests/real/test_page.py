@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.report.chromium import COMMAND, browser
 
+from betterbench import real
 from betterbench.browser.plain import PlainServer
 from betterbench.errors import InvalidInputError
 from betterbench.real.page import OperatorPage, ghost_png
@@ -217,3 +219,11 @@ def test_an_answer_that_fails_is_told_and_the_server_goes_on(capsys):
     finally:
         made.close()
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(COMMAND is None, reason="needs Chromium")
+def test_the_pages_fit_a_narrow_screen(tmp_path):
+    with browser(tmp_path / "profile") as chromium:
+        for name in ("page.html", "judge.html"):
+            chromium.open(Path(real.__file__).parent / name, 400, 800)
+            assert chromium.value("document.documentElement.scrollWidth") <= 400, name

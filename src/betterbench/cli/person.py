@@ -21,9 +21,8 @@ def person_named(name: str | None, option: str) -> str:
     except (KeyError, OSError):  # the user id of this process has no user name
         who = "unknown"
     if not who.strip() or one_line(who, most=80) != who:
-        raise InvalidInputError(
-            option, f"{one_line(who, most=40)!r} is not a valid name", "Use a name of 1 to 80 printable characters"
-        )
+        cure = "Use a name of 1 to 80 printable characters, without spaces at its ends"
+        raise InvalidInputError(option, f"{who[:40]!r} is not a valid name", cure)
     return who
 
 

@@ -61,11 +61,15 @@ class Judged:
             f"{entry.author}: {decision.note}" for entry, decision in seen if entry.role == "judge" and decision.note
         )
         if not votes:
-            seen_by = "" if operator is None else f" The operator entered {operator!r}, which is not blind."
+            seen_by = (
+                ""
+                if operator is None
+                else f" The operator, who is not blind, entered '{outcome_named(operator).title}'."
+            )
             return cls(None, f"No judge has seen the video.{seen_by}", votes, operator, notes)
         ranked = Counter(votes.values()).most_common()
         if 2 * ranked[0][1] <= len(votes):
-            told = listed([f"{name}: {outcome}" for name, outcome in sorted(votes.items())])
+            told = listed([f"{name}: {outcome_named(outcome).title}" for name, outcome in sorted(votes.items())])
             return cls(None, f"The judges disagree ({told}); a further judge decides.", votes, operator, notes)
         return cls(ranked[0][0], "", votes, operator, notes)
 
@@ -217,7 +221,7 @@ def label_of(setting: Setting, signals: JointSignals, judged: Judged, *, held_sh
     """
     end = signals.duration_s
     if judged.outcome is not None and not outcome_named(judged.outcome).scored:
-        text = f"The judges entered {judged.outcome!r}: {outcome_named(judged.outcome).title}."
+        text = f"The judges entered '{outcome_named(judged.outcome).title}'."
         return RealLabel(None, judged.outcome, text, 0.0, end, "judges")
     if held_share >= HELD_SHARE:
         text = f"The policy gave no answer in time in {held_share:.0%} of the control steps."
@@ -241,7 +245,7 @@ def contradiction_of(setting: Setting, signals: JointSignals, outcome: str | Non
     """
     if outcome is None:
         return ""
-    said = f"The judges entered {outcome!r} ({outcome_named(outcome).title})"
+    said = f"The judges entered '{outcome_named(outcome).title}'"
     packs = outcome == "part" or (outcome == "done" and bool(setting.due))
     if packs or outcome in ("air_grasp", "oscillated", "wrong_object", "missed", "undid"):
         if not signals.moved:

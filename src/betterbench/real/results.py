@@ -461,8 +461,8 @@ def _policy_result(run: RealRun, policy: RealPolicy, judged: Sequence[JudgedTria
     task = run.plan.task
     trials = [t for t in judged if t.trial.planned.policy == policy.name]
     damaged = tuple(t for t in run.damaged if t.planned.policy == policy.name)
-    labelled = tuple(_diagnosed(t, t.label.label, run) for t in trials if t.label.label is not None)
-    diagnosis = RunDiagnosis(policy.name, labelled, (), (), (), {}, {}, address=policy.address)
+    labeled = tuple(_diagnosed(t, t.label.label, run) for t in trials if t.label.label is not None)
+    diagnosis = RunDiagnosis(policy.name, labeled, (), (), (), {}, {}, address=policy.address)
     unscored: Counter[tuple[str, State, State]] = Counter()
     for planned in (*(t.trial.planned for t in trials if t.label.label is None), *(t.planned for t in damaged)):
         at = cell_of(resolve_condition(task, planned.condition))

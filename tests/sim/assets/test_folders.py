@@ -258,6 +258,7 @@ def test_what_is_typed_and_read(quick, capsys, monkeypatch):
         (("gone.glb",), "gone.glb"),
         (("toy.stl", "broken.obj", "--size-m", "0.1"), " --size-m: 2 files were given. Import one file at a time"),
         (("toy.stl", "--size-m", "-1"), "out of range"),
+        (("toy.stl", "--size-m", "100"), "--size-m: expected a number above 0 and below 100, got 100"),
     ):
         status, _, err = run(capsys, "assets", "import", *given, "--out", "bad")
         assert status == 2, given

@@ -132,7 +132,7 @@ def _import(
         if number is not None and not 0.0 < number < 100.0:
             raise InvalidInputError(
                 option,
-                f"expected a number above 0, got {number:g}",
+                f"expected a number above 0 and below 100, got {number:g}",
                 "Use a size in meters or a mass in kilograms",
             )
     requests = _requests(catalogue, given, options)

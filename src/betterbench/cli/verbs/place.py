@@ -51,6 +51,7 @@ def place_command(
     from betterbench.json_form import dump_json
     from betterbench.sim.robots import robot
     from betterbench.tasks import get_task, suite_tasks, task_to_json
+    from betterbench.wording import plural
 
     of_suite = suite_tasks(suite)
     if arm.robot is None:
@@ -74,7 +75,9 @@ def place_command(
     reasons = [reason for one in rows for reason in _reasons(*one)]
     if reasons:
         print_listing(["task", "object", "trials", "most frequent reason"], reasons)
-    say(f"wrote {len(rows)} task files to {out}; load them in any command with --task-file", whole=True)
+    say(
+        f"wrote {plural(len(rows), 'task file')} to {out}; every command takes a task file with --task-file", whole=True
+    )
 
 
 def _form(placed: Placed, found: Feasibility) -> dict[str, Any]:

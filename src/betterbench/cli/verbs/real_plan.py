@@ -59,7 +59,7 @@ def plan_command(
     path = write_plan(out, plan)
     sides = plural(len(plan.conditions), "condition"), plural(len(plan.policies), "policy", "policies")
     count = " x ".join((*sides, str(trials)))
-    say(f"wrote {path} with {len(plan.trials)} trials ({count}); next: better real run {out}", whole=True)
+    say(f"wrote {path} with {plural(len(plan.trials), 'trial')} ({count}); next: better real run {out}", whole=True)
 
 
 def _policy(text: str) -> RealPolicy:

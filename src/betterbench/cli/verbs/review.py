@@ -161,6 +161,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
     from betterbench.review.agreement import is_scene_review
     from betterbench.review.queue import apply_to_folder
     from betterbench.review.scenes.writing import reviewed_forms, write_moved_frames, write_reviewed_tasks
+    from betterbench.wording import plural
 
     if len(files) != 1 or out is None:
         problem = "no folder is given" if len(files) == 1 else f"{len(files)} review files are given"
@@ -175,7 +176,7 @@ def _apply(files: tuple[Path, ...], out: Path | None, *, overwrite: bool) -> Non
                 written, rejected = apply_to_folder(file, folder, into)
             for name, reason in rejected.items():
                 say(f"{name} is left out: {reason}")
-            say(f"wrote {into} with {len(written)} assets", whole=True)
+            say(f"wrote {into} with {plural(len(written), 'asset')}", whole=True)
         return
     found = reviewed_forms(file)
     with OutputFolder(out, "review", overwrite=overwrite):

@@ -98,12 +98,16 @@ def write_scenarios(
     drawn = list(itertools.islice(_drawn(themes, wanted, rng), count))
     if not drawn:
         nouns = ", ".join(want.noun for want in wanted)
-        problem = f"the grammar has no scenario of {template} with all these objects: {nouns}"
+        problem = f"the offline author has no scenario of {template} with all these objects: {nouns}"
         cure = "Use fewer objects, use objects of other kinds or colors, or use a model with --model"
+        twice = [want.noun for k, want in enumerate(wanted) if want in wanted[:k] and len(want.kinds) == 1]
+        if twice:
+            problem = f"has the {twice[0]} twice, but all objects must differ in kind or color"
+            cure = "Use it once, or use another object or color"
         raise InvalidInputError("sentence", problem, cure)
     if len(drawn) < count:
         which = " with these objects" if wanted else ""
-        problem = f"the grammar has {len(drawn)} different scenarios of {template}{which}, not {count}"
+        problem = f"the offline author has {len(drawn)} different scenarios of {template}{which}, not {count}"
         raise InvalidInputError(
             "--num", problem, f"Use --num {max(1, len(drawn))} or less, or choose a model with --model"
         )

@@ -286,7 +286,7 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
             continue
         least = quota.least_of(until)
         if found is not None and found < least:
-            problem = f"needs {least} tasks, but the grammar has only {found} different goals for it"
+            problem = f"needs {least} tasks, but the offline author has only {found} different goals for it"
             raise InvalidInputError(
                 f"--quota {quota}", problem, f"Request {found} tasks or fewer, or use a model with --model"
             )
@@ -294,6 +294,6 @@ def _require_supply(quotas: Sequence[Quota], until: int, supply: Supply) -> None
     if all(goals is not None for goals, _ in limits):
         total = sum(min(goals or 0, top) for goals, top in limits)
         if total < until:
-            problem = f"needs {until} tasks, but the grammar has only {total} different goals for these quotas"
+            problem = f"needs {until} tasks, but the offline author has only {total} different goals for these quotas"
             cure = f"Request {total} tasks or fewer, add --distinct colors, or use a model with --model"
             raise InvalidInputError("--until", problem, cure)

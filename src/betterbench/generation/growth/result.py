@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from betterbench.generation.building.result import Result
 from betterbench.generation.growth.proposals import Proposal
+from betterbench.wording import plural
 
 Stop = Literal["reached", "exhausted", "attempts"]
 """Reason why the growth stopped.
@@ -114,7 +115,7 @@ class Growth:
         number = len(self.accepted)
         match self.stop:
             case "reached":
-                text = f"{number} tasks are certified."
+                text = f"{plural(number, 'task')} {'is' if number == 1 else 'are'} certified."
             case "exhausted":
                 text = (
                     f"{number} of {self.until} tasks are certified, and no new scenario is left for the remaining ones."

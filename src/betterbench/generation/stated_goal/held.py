@@ -16,8 +16,8 @@ def _item(r: Reader, said: Said, regions: Mapping[str, str]) -> tuple[str, str]:
     """
     named = [m for m in said.subjects if r.is_item(m)]
     if len(named) != 1 or named[0].number > 1:
-        count = "no" if not named else "more than one"
-        return "", f"it refers to {count} item, but each target takes one"
+        count = "no item" if not named else "several items"
+        return "", f"it refers to {count}, and each target takes one"
     items = [n for n in named[0].objects if r.role_of[n] == "item"]
     free = [n for n in items if n not in regions]
     return (free or items or [""])[0], ""

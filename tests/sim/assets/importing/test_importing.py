@@ -277,6 +277,17 @@ def test_flat_objects_are_as_thick_at_any_size_and_nothing_is_denser_than_steel(
     assert "slimmer than a usual knife" in " ".join(knife.notes)
 
 
+def test_notes_state_the_least_assumed_mass_and_no_hollow_that_is_not_there(tmp_path):
+    card = import_mesh(
+        saved(trimesh.creation.box((0.086, 0.054, 0.0008)), tmp_path / "thing.stl"), Wishes(size_m=0.086)
+    )
+    assert card.draft.mass_kg == 0.005
+    assert "mass 5 g, the least that is assumed, instead of " in " ".join(card.notes)
+    chest = import_mesh(saved(trimesh.creation.box((0.2, 0.08, 0.05)), tmp_path / "lunchbox.glb"))
+    assert "since it stands best so" in " ".join(chest.notes)
+    assert "open there" not in " ".join(chest.notes)
+
+
 # -------------------------------------------------------------------------------------------------------------- solid
 
 

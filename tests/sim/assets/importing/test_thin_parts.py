@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 from tests.daily import in_turn
 
+from betterbench.errors import InvalidInputError
 from betterbench.sim.assets.importing.appearance import (
     LOST_SHARE,
     THIN_FACE_BUDGET,
@@ -51,7 +52,7 @@ def sampled(points, faces, count):
 def test_no_wire_is_lost():
     points, faces = grid(20, 8, 0.0015)
     assert len(faces) > 1.5 * THIN_FACE_BUDGET
-    (part,) = visual_parts(RawMesh((RawPart("basket", points, faces),), "z", 1.0))
+    (part,) = visual_parts(RawMesh((RawPart("basket", points, faces),), "z", 1.0), "basket.glb")
     assert len(part.faces) <= THIN_FACE_BUDGET
     size = float(np.ptp(points, axis=0).max())
     before, after = sampled(points, faces, 5_000), sampled(part.vertices, part.faces, 40_000)
@@ -80,7 +81,7 @@ def test_a_wire_basket_keeps_its_hoops_and_its_opening():
     points, faces = basket()
     solid = solid_of(points, faces)
     cavity = cavity_of(solid)
-    seen = _reduced_enough(points, faces)
+    seen = _reduced_enough(points, faces, "basket.glb")
     assert len(seen[1]) <= WIRES_FACE_BUDGET
     visible = cavity_of(solid_of(*seen))
     assert visible is not None, "a hoop is lost"
@@ -90,6 +91,14 @@ def test_a_wire_basket_keeps_its_hoops_and_its_opening():
     touched = cavity_of(surface_solid(hulls), with_seams=True)
     assert touched is not None, "a seam between two parts is not a leak"
     assert touched.volume_m3 > 0.6 * cavity.volume_m3
+
+
+def test_so_many_parts_that_only_splinters_would_be_left_are_an_error():
+    steps = np.stack(np.meshgrid(*(np.arange(n) for n in (8, 8, 5)), indexing="ij"), axis=-1).reshape(-1, 3)
+    boxes = [trimesh.creation.box((0.012,) * 3).apply_translation(0.0125 * step) for step in steps]
+    mesh = trimesh.util.concatenate(boxes)
+    with pytest.raises(InvalidInputError, match=r"blocks.glb: it has too many parts: .*would be missing. Use a mesh"):
+        _reduced_enough(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), "blocks.glb")
 
 
 def test_a_hole_in_the_floor_of_collision_parts_is_no_seam():

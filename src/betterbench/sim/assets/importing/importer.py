@@ -135,7 +135,7 @@ def import_mesh(path: Path, wishes: Wishes = Wishes(), files: FolderResolver | N
         description=description,
         tags=tags,
         mass_kg=body.mass_kg,
-        parts=(*visual_parts(seen), *map(collision_part, [*hulls, *([] if foot is None else [foot])])),
+        parts=(*visual_parts(seen, where), *map(collision_part, [*hulls, *([] if foot is None else [foot])])),
         body=mass_properties(body.mass_kg, body.center, body.inertia),
         grasps=grasps,
         regions=tuple(regions_of(placed.solid, placed.cavity, size)),
@@ -200,7 +200,10 @@ def _mass(placed: Placed, kind: Kind | None, longest: float, wishes: Wishes) -> 
         mass, why = _DENSEST * volume, f"{_DENSEST:g} kg/m^3 of solid: it is slimmer than a usual {kind.name}"
     else:
         mass, why = kind.mass_at(longest), f"usual for {with_article(kind.name)} of this size"
-    mass = round(min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG), 4)
+    limited = min(max(mass, _LIGHTEST_KG), _HEAVIEST_KG)
+    if limited != mass:
+        why = f"the {'least' if limited > mass else 'most'} that is assumed, instead of {1000 * mass:.3g} g: {why}"
+    mass = round(limited, 4)
     return mass, f"mass {1000 * mass:.3g} g, {why}"
 
 

@@ -77,8 +77,8 @@ def place(
         up: Axis of the file's frame that points up. If None, the axis is determined from the file format, the hollow of
             an open object, the usual pose of its kind (bottles stand, forks lie), or the most stable pose.
         size_m: Longest side [m]. If None, the unit of the file format is used if the resulting size is plausible for
-            this kind. Otherwise, another common unit with a plausible size is used. If there is none, the object gets
-            the typical size of its kind.
+            this kind. Otherwise, for a format without a unit, a common unit with a plausible size is used. If there is
+            none, the object gets the typical size of its kind.
 
     Raises:
         InvalidInputError: If the size cannot be determined, or is not that of a tabletop object.
@@ -152,7 +152,8 @@ def _by_rule_or_hollow(sized: RawMesh, kind: Kind | None) -> tuple[str, Cavity |
     hollow = cavity if may_turn else None
     if mesh_up is None:
         return axis, hollow, (f"{axis} of the file points up: the format has no rule, and it stands best so",)
-    turned = () if axis == mesh_up else (f"turned: {axis} of the file points up, since it is open there",)
+    why = "it stands best so" if cavity is None else "it is open there"
+    turned = () if axis == mesh_up else (f"turned: {axis} of the file points up, since {why}",)
     return axis, hollow, turned
 
 

@@ -126,7 +126,7 @@ def history_of(path: Path, content: str, asset: str) -> History:
     if found is not None:
         return found
     same = [review.content for review in reviews if review.asset == asset]
-    cure = f"Review it: better review MESH --out {path.name}"
+    cure = f"Review it with `better review MESH` or `better review assets --asset-dir DIR`, and --out {path.name}"
     if same:
         problem = f"it was reviewed with the content {same[-1][:SHOWN]}, but the file now has {content[:SHOWN]}"
         raise InvalidInputError(asset, problem, f"Restore the reviewed file. {cure}")
