@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from betterbench.argument_types import checked_arguments
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation, ObservationSpec, observation_spec
@@ -57,6 +58,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - convention of Gymnasium
 
+    @checked_arguments
     def __init__(
         self,
         task: str,
