@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
@@ -94,6 +94,11 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
                 **{name: spaces.Box(-most, most, (n or joints,), np.float64) for name, (n, most) in _BOUNDS.items()},
             }
         )
+
+    def __reduce__(self) -> NoReturn:
+        """Raise InvalidInputError: the state of a simulation cannot be copied."""
+        cure = "Create the environment again with the same arguments, in the process that uses it"
+        raise InvalidInputError("TaskEnv", "an environment cannot be pickled or copied", cure)
 
     @property
     def instruction(self) -> str:
