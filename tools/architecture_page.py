@@ -31,7 +31,7 @@ HOME = ROOT / "src" / "betterbench"
 INK, SOFT, RULE, FILL, ACCENT, UPWARD = "#1c1e21", "#5c6066", "#dedad2", "#e9f0f6", "#1d5a8a", "#bf4a14"
 COMMON = frozenset(
     {
-        *("errors", "geometry", "installation", "interface", "json_form", "lazy_names"),
+        *("argument_types", "errors", "geometry", "installation", "interface", "json_form", "lazy_names"),
         *("ordinary_file", "quoting", "statistics", "wording"),
     }
 )
@@ -77,7 +77,8 @@ class Tracer:
             return
         callee = self._module(code)
         back = frame.f_back
-        while back is not None and not self._module(back.f_code):
+        # A decorator that checks arguments stands between the caller and the callee.
+        while back is not None and self._module(back.f_code) in ((), ("argument_types",)):
             back = back.f_back
         if back is None or not callee or back.f_code.co_name == "<module>":
             return

@@ -148,10 +148,12 @@ class UnknownNameError(BetterError):
             kind, name, known = same.kind, same.name, same.known
         names = sorted(known)
         # Truncate the name: matching takes quadratic time in its length, and it may come from an untrusted file.
+        alike = [other for other in names if other.casefold() == name.strip().casefold()]
         close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
+        close = [*alike, *(other for other in close if other not in alike)][:3]
         hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""
         listed = ", ".join(names) if names else "none"
-        super().__init__(f"Unknown {kind} {one_line(name)!r}. {hint}Known: {listed}.")
+        super().__init__(f"Unknown {kind} {printable(name, most=LONGEST_SHOWN)!r}. {hint}Known: {listed}.")
         self.kind, self.name, self.known, self.closest = kind, name, tuple(names), tuple(close)
 
     def __reduce__(self) -> tuple[type[UnknownNameError], tuple[str, str, tuple[str, ...]]]:

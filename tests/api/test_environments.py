@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 import subprocess
@@ -56,6 +57,12 @@ def test_tasks_of_a_file_are_made_and_registered(tmp_path):
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, cwd=tmp_path)
     assert done.stdout.split() == ["540", "BeTTER/MyCoffee-v0"], done.stderr
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
+def test_an_environment_that_is_copied_says_to_make_another(copied):
+    with pytest.raises(InvalidInputError, match="TaskEnv: an environment cannot be pickled or copied"):
+        copied(betterbench.make_env("fast_food", observation="state_only"))
 
 
 def test_a_file_that_is_not_there(tmp_path):

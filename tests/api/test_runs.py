@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -202,6 +203,18 @@ def test_a_wrong_argument_is_named(policy, changes, text, tmp_path):
         betterbench.evaluate(policy, **{**PLAN, **changes}, out=tmp_path / "run")
     assert text in str(caught.value)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_worker_of_a_pool_starts_no_workers(tmp_path, monkeypatch):
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with pytest.raises(InvalidInputError, match=r"workers: this process is a worker of a multiprocessing\.Pool"):
+        betterbench.evaluate("noop", **PLAN, out=tmp_path / "run", workers=2)
+
+
+@pytest.mark.usefixtures("short")
+def test_a_command_that_cannot_be_encoded_does_not_stop_a_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["better", "--out", "\udcff"])
+    assert betterbench.evaluate("noop", **PLAN, out=tmp_path / "run").context["command"] == "better --out \\udcff"
 
 
 def test_a_name_may_hold_what_addresses_are_made_of(tmp_path):

@@ -19,6 +19,7 @@ from tests.evaluation.conftest import in_few_steps
 from tests.kept_views import used_by_commands
 from tests.looping import each
 
+from betterbench.cli.checks import Check
 from betterbench.cli.main import every_command, main
 from betterbench.errors import StorageError
 from betterbench.records import RunFolder, read_record
@@ -553,3 +554,11 @@ def test_doctor_finds_nothing_wrong_here(capsys):
     assert status == 0
     assert {f["name"] for f in findings} >= {"versions", "physics", "rendering", "video"}
     assert all(f["works"] for f in findings)
+
+
+def test_doctor_prints_the_command_for_an_extra_on_one_line(capsys, monkeypatch):
+    command = f"pip install {'long/' * 30}betterbench.whl[train]"
+    found = [Check("versions", True, "fine"), Check("extra train", True, "not installed", command)]
+    monkeypatch.setattr("betterbench.cli.checks.run_checks", lambda: found)
+    status, out, _ = run(capsys, "doctor")
+    assert (status, out.splitlines()[-2:]) == (0, ["To install an extra:", f"train: {command}"])

@@ -38,6 +38,13 @@ def test_unknown_name_offers_several_close_names_best_first():
     assert " or " in str(error)
 
 
+@pytest.mark.parametrize("name", ["t1", "T1 ", "\tT1\n"])
+def test_unknown_name_that_differs_in_case_or_white_space_is_shown_as_given(name):
+    error = UnknownNameError("variation", name, ["O1", "R1", "T1"])
+    assert error.closest[0] == "T1"
+    assert str(error).startswith(f"Unknown variation {name!r}. Did you mean 'T1'")
+
+
 def test_unknown_name_that_resembles_nothing_gets_no_guess():
     error = UnknownNameError("policy", "zzzzzz", ["expert", "noop"])
     assert str(error) == "Unknown policy 'zzzzzz'. Known: expert, noop."

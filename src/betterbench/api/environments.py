@@ -6,10 +6,12 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from betterbench.argument_types import checked_arguments
 from betterbench.episodes.gymnasium_env import TaskEnv
 from betterbench.tasks import user_files
 
 
+@checked_arguments
 def make_env(
     task: str,
     variation: str | None = None,
@@ -46,6 +48,7 @@ def make_env(
     )
 
 
+@checked_arguments
 def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
     """Load Python files that define tasks, assets, relations, failure modes or learners.
 
@@ -62,6 +65,7 @@ def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
         register_environments()
 
 
+@checked_arguments
 def load_asset_folders(folders: Path | str | Iterable[Path | str]) -> None:
     """Load folders of assets that were written by ``better assets import``. Tasks can then use the assets by name.
 

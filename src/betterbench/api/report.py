@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from betterbench.api.arguments import options_as_arguments
+from betterbench.argument_types import checked_arguments
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, require_between
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
@@ -133,6 +134,7 @@ def build_report(
     return BuiltReport(page, tuple(verdicts))
 
 
+@checked_arguments
 def write_report(
     *runs: RunFolder | Path | str,
     out: Path | str | None = None,

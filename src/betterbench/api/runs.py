@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from betterbench.api.arguments import options_as_arguments
+from betterbench.argument_types import checked_arguments
 from betterbench.certification.refusal import require_certified
 from betterbench.comparison import Comparison, load_sides
 from betterbench.comparison import compare as compare_sides
@@ -26,6 +27,7 @@ from betterbench.records import RunFolder
 logger = logging.getLogger(__name__)
 
 
+@checked_arguments
 def evaluate(
     policy: str | Policy,
     *,
@@ -89,8 +91,8 @@ def evaluate(
     with options_as_arguments():
         plan = make_plan(
             policy if isinstance(policy, str) else policy.info.name,
-            tasks=_names(tasks),
-            variations=_names(variations),
+            tasks=tasks,
+            variations=variations,
             trials=trials,
             seed=seed,
             action_space=action_space or (given.info.action_space if given else None),
@@ -114,6 +116,7 @@ def evaluate(
     return run
 
 
+@checked_arguments
 def load_run(path: Path | str) -> RunFolder:
     """Open an existing run for reading.
 
@@ -123,6 +126,7 @@ def load_run(path: Path | str) -> RunFolder:
     return RunFolder.open(Path(path))
 
 
+@checked_arguments
 def diagnose(
     run: RunFolder | Path | str,
     *,
@@ -151,6 +155,7 @@ def diagnose(
     )
 
 
+@checked_arguments
 def compare(
     *runs: RunFolder | Path | str,
     names: Sequence[str] = (),
@@ -185,10 +190,6 @@ def compare(
 
 def _opened(run: RunFolder | Path | str) -> RunFolder:
     return run if isinstance(run, RunFolder) else load_run(run)
-
-
-def _names(given: str | Sequence[str]) -> Sequence[str]:
-    return (given,) if isinstance(given, str) else given
 
 
 def _require_certified(plan: Plan, certificate: Path | None) -> None:

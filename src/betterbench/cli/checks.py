@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: the finding and, if the check failed, a remedy."""
+    """Result of one check: the finding and a remedy if the check failed, or the command for a missing extra."""
 
     name: str
     works: bool
@@ -55,7 +55,8 @@ def _extras() -> list[Check]:
         Check(
             f"extra {name}",
             True,
-            f"installed: {extra.use}" if extra.is_installed else f"not installed ({extra.use}): {extra_command(name)}",
+            f"{'' if extra.is_installed else 'not '}installed: {extra.use}",
+            "" if extra.is_installed else extra_command(name),
         )
         for name, extra in EXTRAS.items()
     ]

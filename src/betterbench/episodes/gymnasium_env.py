@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from betterbench.argument_types import checked_arguments
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation, ObservationSpec, observation_spec
@@ -57,6 +58,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - convention of Gymnasium
 
+    @checked_arguments
     def __init__(
         self,
         task: str,
@@ -92,6 +94,11 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
                 **{name: spaces.Box(-most, most, (n or joints,), np.float64) for name, (n, most) in _BOUNDS.items()},
             }
         )
+
+    def __reduce__(self) -> NoReturn:
+        """Raise InvalidInputError: the state of a simulation cannot be copied."""
+        cure = "Create the environment again with the same arguments, in the process that uses it"
+        raise InvalidInputError("TaskEnv", "an environment cannot be pickled or copied", cure)
 
     @property
     def instruction(self) -> str:

@@ -473,8 +473,8 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                "loaded, or is loaded with a different text. If the text has changed, choose a new folder with "
-                "--out. A file in the "
+                "loaded, or is loaded with a different text. For another run, or if the text has changed, choose a new "
+                "folder with --out. A file in the "
                 f"folder of a run is not executed automatically: {where} with --task-file, or pass the folder of "
                 "its suite with --suite."
             )

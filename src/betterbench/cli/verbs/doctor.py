@@ -100,6 +100,13 @@ def _check_machine(*, json: bool) -> None:
         print_json([asdict(check) for check in checks])
     else:
         print_table(["", "what", "found"], [["ok" if c.works else "NO", c.name, c.detail] for c in checks])
+        missing = [check for check in checks if check.works and check.cure]
+        if missing:
+            OUT.print("\nTo install an extra:")
+        for check in missing:  # a terminal breaks a long line without a line feed, so the command can be copied
+            OUT.print(
+                f"{check.name.removeprefix('extra ')}: {check.cure}", markup=False, highlight=False, soft_wrap=True
+            )
         for cure in dict.fromkeys(check.cure for check in broken):
             names = ", ".join(check.name for check in broken if check.cure == cure)
             OUT.print(f"\n{names}: {cure}", markup=False, soft_wrap=not OUT.is_terminal)

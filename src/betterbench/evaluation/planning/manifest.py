@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from betterbench.errors import RunConflictError
+from betterbench.errors import RunConflictError, encodable
 from betterbench.evaluation.planning.machine import describe_machine, describe_renderer, package_lock, source_revision
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.interface import observation_spec
@@ -41,7 +41,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": str(machine["processors"]),
-        "command": " ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": encodable(" ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]])),
         "started_utc": _now(),
         "machine": machine,
         "renderer": describe_renderer() if images else unseen,

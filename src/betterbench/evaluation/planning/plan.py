@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from betterbench.argument_types import checked_arguments
 from betterbench.errors import InvalidInputError, require_between
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import USUAL_ROBOT
@@ -116,11 +117,12 @@ class Plan:
         return SceneOptions(self.quality, self.robot, self.looks)
 
 
+@checked_arguments
 def make_plan(
     policy: str,
     *,
-    tasks: Sequence[str] = (),
-    variations: Sequence[str] = (),
+    tasks: str | Sequence[str] = (),
+    variations: str | Sequence[str] = (),
     trials: int = 20,
     seed: int = 0,
     action_space: str | None = None,

@@ -12,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from betterbench.argument_types import checked_arguments
 from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation.planning.manifest import run_context, same_policy
@@ -48,10 +49,11 @@ class ExternalRun:
         entry: Journal entry of the episode that ended last, or None.
     """
 
+    @checked_arguments
     def __init__(
         self,
         plan: Plan,
-        out: Path,
+        out: Path | str,
         *,
         needs_images: bool = True,
         metadata: Mapping[str, str] | None = None,
@@ -74,6 +76,7 @@ class ExternalRun:
                 f"the name {plan.policy!r} is reserved for a built-in policy",
                 "Choose another name for your policy",
             )
+        out = Path(out)
         info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
         declared = describe_policy(plan.policy, info)
         context = run_context(plan, policy=declared, engine={"name": engine, "workers": 1, "envs": 1})

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -287,6 +288,9 @@ def _engine_form(engine: Engine, settings: WorkerSettings) -> dict[str, str | in
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
     if workers is not None and not 1 <= workers <= MAX_WORKERS:
         raise InvalidInputError("--workers", f"{workers} is out of range", f"Use a number from 1 to {MAX_WORKERS}")
+    if workers != 1 and current_process().daemon:
+        problem = "this process is a worker of a multiprocessing.Pool, which cannot start processes"
+        raise InvalidInputError("--workers", problem, "Use one worker, or a concurrent.futures.ProcessPoolExecutor")
     if envs is not None and not 1 <= envs <= MAX_ENVS:
         raise InvalidInputError("--envs", f"{envs} is out of range", f"Use a number from 1 to {MAX_ENVS}")
     if not 0.0 < policy_timeout_s < float("inf"):
