@@ -151,6 +151,16 @@ def test_the_example_of_a_verb_can_be_pasted_from_a_narrow_terminal(verb):
     assert "\n" not in words
 
 
+def test_the_text_of_an_option_breaks_only_at_the_edge_of_the_terminal():
+    """Line breaks of the docstring are not line breaks of the help."""
+    assert "while the policy computes; default: chosen by a warm-up." in help_of("eval", columns=200)
+    assert "set it in the policy address." in help_of("eval", columns=200)
+
+
+def test_an_empty_default_is_not_shown():
+    assert "--arm-port TEXT    Serial port of the arm.  " in help_of("real run")
+
+
 @pytest.mark.parametrize(("words", "nearest"), [(["evl"], "eval"), (["raport", "x"], "report")])
 def test_a_mistyped_verb_is_named_with_the_nearest_one(capsys, words, nearest):
     assert main(words) == 2

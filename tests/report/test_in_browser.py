@@ -136,6 +136,20 @@ def test_figures_of_one_row_stand_on_one_line(chromium, size, tmp_path):
         assert max(details) - min(details) <= 1.0
 
 
+@pytest.mark.parametrize("where", ["#verdict", "#task=fast_food"])
+def test_an_interval_is_drawn_in_its_own_column(chromium, tmp_path, where):
+    """The text below the illusion gap is wider than its column, but the interval must not reach into the next one."""
+    chromium.open(write_report([run_of("zoo:lexical"), run_of("zoo:inertia")], tmp_path), *LAPTOP)
+    chromium.value(f"location.hash = '{where}'; 1")
+    boxes = chromium.value(
+        """[...document.querySelectorAll('.stat:has(.sides)')].filter(s => s.getBoundingClientRect().width)
+          .map(s => [s, s.querySelector('.whisker')].map(e => e.getBoundingClientRect().right))"""
+    )
+    assert boxes
+    for column, interval in boxes:
+        assert interval <= column + 1
+
+
 def test_the_thresholds_take_no_screens_of_their_own(chromium, page):
     chromium.open(page, *LAPTOP)
     height = chromium.value("document.querySelector('table.settings.many').getBoundingClientRect().height")
