@@ -5,6 +5,10 @@ import io
 import json
 import re
 import socket
+import struct
+import sys
+import threading
+import time
 import urllib.parse
 from pathlib import Path
 
@@ -12,6 +16,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+
+from chromium import COMMAND, browser
+
+from betterbench import real
 from betterbench.browser.plain import PlainServer
 from betterbench.errors import InvalidInputError
 from betterbench.real.page import OperatorPage, ghost_png
@@ -217,3 +226,28 @@ def test_an_answer_that_fails_is_told_and_the_server_goes_on(capsys):
     finally:
         made.close()
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_closed_tab_leaves_no_traceback(server, capsys):
+    """A browser resets its idle connections when a tab is closed."""
+    parts = urllib.parse.urlsplit(server.url)
+    with socket.create_connection(("127.0.0.1", parts.port), timeout=20) as connection:
+        connection.sendall(f"GET {parts.path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        answer = b""
+        while not answer.endswith(b"hello"):
+            answer += connection.recv(1 << 16)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, not an end
+    deadline = time.monotonic() + 10
+    while any("process_request" in thread.name for thread in threading.enumerate()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("name", ["page", "judge"])
+def test_the_pages_fit_a_phone(tmp_path, name):
+    with browser(tmp_path) as chromium:
+        chromium.open(Path(real.__file__).parent / f"{name}.html", 390, 844)
+        chromium.value("document.body.dataset.stage = 'setup'; 1")
+        assert chromium.value("document.documentElement.scrollWidth") <= 390
+        assert chromium.value("Math.max(...[...document.querySelectorAll('section')].map(s => s.clientWidth))") > 300

@@ -364,7 +364,12 @@ def test_a_row_of_a_matrix_without_trials_says_so_once(tmp_path):
 
 
 def test_each_threshold_has_its_unit(page):
-    for name, value in (("attempt height", "0.2 m"), ("press force", "10 N"), ("rest time", "0.25 s"), ("returns", "3")):
+    for name, value in (
+        ("attempt height", "0.2 m"),
+        ("press force", "10 N"),
+        ("rest time", "0.25 s"),
+        ("returns", "3"),
+    ):
         assert f'<th scope="row">{name}</th><td colspan="4">{value}</td>' in page
 
 
