@@ -139,6 +139,15 @@ def test_tables_keep_what_stands_in_brackets_and_set_numbers_flush_right(capsys,
     ]
 
 
+def test_a_narrow_table_keeps_a_rate_on_one_line(capsys, monkeypatch):
+    monkeypatch.setattr(console.OUT, "_width", 80)
+    rows = [["lexical kinematic shortcut", "48/48 100.0 % a", "12/48 25.0 % b", "−75.0 (−88.0 to −61.2)", "< 0.001"]]
+    print_table(["what", "zoo:lexical", "a policy with a long name", "difference, 95 %", "p"], rows, whole=(1, 2))
+    shown = capsys.readouterr().out
+    assert all(rate in shown for rate in rows[0][1:3])
+    assert max(map(len, shown.splitlines())) <= 80
+
+
 @each("verb", VERBS)
 def test_the_example_of_a_verb_can_be_pasted_from_a_narrow_terminal(verb):
     lines = help_of(verb, columns=60).splitlines()
