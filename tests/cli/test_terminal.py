@@ -176,6 +176,11 @@ def test_a_mistyped_verb_is_named_with_the_nearest_one(capsys, words, nearest):
     assert f"Did you mean '{nearest}'" in capsys.readouterr().err
 
 
+def test_a_mistyped_policy_is_reported_before_any_statement_about_the_plan(capsys, tmp_path):
+    assert main(["eval", "--policy", "zoo:lexcial", "--out", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.startswith("error: Unknown policy 'zoo:lexcial'. Did you mean 'zoo:lexical'")
+
+
 def on_terminal(command, **environment):
     """Return what a command writes to a terminal, and its status."""
     ours, theirs = pty.openpty()
