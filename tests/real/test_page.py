@@ -250,4 +250,6 @@ def test_the_pages_fit_a_phone(tmp_path, name):
         chromium.open(Path(real.__file__).parent / f"{name}.html", 390, 844)
         chromium.value("document.body.dataset.stage = 'setup'; 1")
         assert chromium.value("document.documentElement.scrollWidth") <= 390
+        chromium.value("window.scrollTo({top: 9999, behavior: 'instant'}); 1")
+        assert chromium.value("(document.querySelector('#stop')?.getBoundingClientRect().top ?? 0) >= 0"), "STOP stays"
         assert chromium.value("Math.max(...[...document.querySelectorAll('section')].map(s => s.clientWidth))") > 300
