@@ -96,7 +96,8 @@ def report_page(page: Path, profile: Path) -> bytes:
     """Return the first screen of a report as PNG."""
     with browser(profile) as chromium:
         chromium.open(page, *LAPTOP)
-        chromium.wait_until("[...document.images].filter(i => i.src && i.offsetParent).every(i => i.complete)")
+        shown = "i.src && i.offsetParent && i.getBoundingClientRect().top < innerHeight"  # others load when scrolled to
+        chromium.wait_until(f"[...document.images].filter(i => {shown}).every(i => i.complete)")
         return bytes(chromium.screenshot())
 
 

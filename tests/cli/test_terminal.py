@@ -139,6 +139,15 @@ def test_tables_keep_what_stands_in_brackets_and_set_numbers_flush_right(capsys,
     ]
 
 
+def test_a_narrow_table_keeps_a_rate_on_one_line(capsys, monkeypatch):
+    monkeypatch.setattr(console.OUT, "_width", 80)
+    rows = [["lexical kinematic shortcut", "48/48 100.0 % a", "12/48 25.0 % b", "−75.0 (−88.0 to −61.2)", "< 0.001"]]
+    print_table(["what", "zoo:lexical", "a policy with a long name", "difference, 95 %", "p"], rows, whole=(1, 2))
+    shown = capsys.readouterr().out
+    assert all(rate in shown for rate in rows[0][1:3])
+    assert max(map(len, shown.splitlines())) <= 80
+
+
 @each("verb", VERBS)
 def test_the_example_of_a_verb_can_be_pasted_from_a_narrow_terminal(verb):
     lines = help_of(verb, columns=60).splitlines()
@@ -151,10 +160,25 @@ def test_the_example_of_a_verb_can_be_pasted_from_a_narrow_terminal(verb):
     assert "\n" not in words
 
 
+def test_the_text_of_an_option_breaks_only_at_the_edge_of_the_terminal():
+    """Line breaks of the docstring are not line breaks of the help."""
+    assert "while the policy computes; default: chosen by a warm-up." in help_of("eval", columns=200)
+    assert "set it in the policy address." in help_of("eval", columns=200)
+
+
+def test_an_empty_default_is_not_shown():
+    assert "--arm-port TEXT    Serial port of the arm.  " in help_of("real run")
+
+
 @pytest.mark.parametrize(("words", "nearest"), [(["evl"], "eval"), (["raport", "x"], "report")])
 def test_a_mistyped_verb_is_named_with_the_nearest_one(capsys, words, nearest):
     assert main(words) == 2
     assert f"Did you mean '{nearest}'" in capsys.readouterr().err
+
+
+def test_a_mistyped_policy_is_reported_before_any_statement_about_the_plan(capsys, tmp_path):
+    assert main(["eval", "--policy", "zoo:lexcial", "--out", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.startswith("error: Unknown policy 'zoo:lexcial'. Did you mean 'zoo:lexical'")
 
 
 def on_terminal(command, **environment):

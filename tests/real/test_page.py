@@ -5,6 +5,9 @@ import io
 import json
 import re
 import socket
+import struct
+import threading
+import time
 import urllib.parse
 from pathlib import Path
 
@@ -221,9 +224,28 @@ def test_an_answer_that_fails_is_told_and_the_server_goes_on(capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
-@pytest.mark.skipif(COMMAND is None, reason="needs Chromium")
-def test_the_pages_fit_a_narrow_screen(tmp_path):
-    with browser(tmp_path / "profile") as chromium:
-        for name in ("page.html", "judge.html"):
-            chromium.open(Path(real.__file__).parent / name, 400, 800)
-            assert chromium.value("document.documentElement.scrollWidth") <= 400, name
+def test_a_closed_tab_leaves_no_traceback(server, capsys):
+    """A browser resets its idle connections when a tab is closed."""
+    parts = urllib.parse.urlsplit(server.url)
+    with socket.create_connection(("127.0.0.1", parts.port), timeout=20) as connection:
+        connection.sendall(f"GET {parts.path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        answer = b""
+        while not answer.endswith(b"hello"):
+            answer += connection.recv(1 << 16)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, not an end
+    deadline = time.monotonic() + 10
+    while any("process_request" in thread.name for thread in threading.enumerate()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("name", ["page", "judge"])
+def test_the_pages_fit_a_phone(tmp_path, name):
+    with browser(tmp_path) as chromium:
+        chromium.open(Path(real.__file__).parent / f"{name}.html", 390, 844)
+        chromium.value("document.body.dataset.stage = 'setup'; 1")
+        assert chromium.value("document.documentElement.scrollWidth") <= 390
+        chromium.value("window.scrollTo({top: 9999, behavior: 'instant'}); 1")
+        assert chromium.value("(document.querySelector('#stop')?.getBoundingClientRect().top ?? 0) >= 0"), "STOP stays"
+        assert chromium.value("Math.max(...[...document.querySelectorAll('section')].map(s => s.clientWidth))") > 300

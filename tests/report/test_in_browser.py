@@ -19,7 +19,7 @@ from chromium import COMMAND, browser
 from factory import diagnosis, draw_frame, film_of, run_of, trial
 
 from betterbench.diagnosis import Label
-from betterbench.report import trials_worth_showing
+from betterbench.report import legend, trials_worth_showing
 from betterbench.report.pages.page import write_report
 from betterbench.report.pages.trust import trust_of
 from betterbench.tasks import suite_tasks
@@ -136,6 +136,20 @@ def test_figures_of_one_row_stand_on_one_line(chromium, size, tmp_path):
         assert max(details) - min(details) <= 1.0
 
 
+@pytest.mark.parametrize("where", ["#verdict", "#task=fast_food"])
+def test_an_interval_is_drawn_in_its_own_column(chromium, tmp_path, where):
+    """The text below the illusion gap is wider than its column, but the interval must not reach into the next one."""
+    chromium.open(write_report([run_of("zoo:lexical"), run_of("zoo:inertia")], tmp_path), *LAPTOP)
+    chromium.value(f"location.hash = '{where}'; 1")
+    boxes = chromium.value(
+        """[...document.querySelectorAll('.stat:has(.sides)')].filter(s => s.getBoundingClientRect().width)
+          .map(s => [s, s.querySelector('.whisker')].map(e => e.getBoundingClientRect().right))"""
+    )
+    assert boxes
+    for column, interval in boxes:
+        assert interval <= column + 1
+
+
 def test_the_thresholds_take_no_screens_of_their_own(chromium, page):
     chromium.open(page, *LAPTOP)
     height = chromium.value("document.querySelector('table.settings.many').getBoundingClientRect().height")
@@ -170,6 +184,17 @@ def test_a_failed_trial_says_in_the_list_what_happened(chromium, page, run):
     chromium.open(page, *LAPTOP)
     said = chromium.value("document.querySelector('#list .trial .first').textContent")
     assert said in {t.evidence.text for t in run.trials if t.kind is Kind.REASONING}
+
+
+def test_attempts_that_are_not_judged_are_not_said_to_be_absent(chromium, monkeypatch, tmp_path):
+    """A world that judges only the end of a trial has no attempts."""
+    shown = []
+    for judged in (True, False):
+        monkeypatch.setattr(legend, "causes_judged", lambda _runs, judged=judged: judged)
+        run = diagnosis([replace(trial(), attempts=(), first_attempt=None, intended=None)])
+        chromium.open(write_report([run], tmp_path / str(judged)), *LAPTOP)
+        shown.append(chromium.value("document.querySelector('.trial .first').textContent"))
+    assert shown == ["no attempt at an object", ""]
 
 
 def test_what_has_one_value_has_no_filter_and_no_column(chromium, page):

@@ -7,8 +7,14 @@ import dataclasses
 import hashlib
 import json
 import re
+import sys
+from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from chromium import COMMAND, browser
 
 from betterbench.errors import InvalidInputError
 from betterbench.report.figures.player import PlayedLane, PlayedTrial, PlayedView, is_player, write_player
@@ -43,6 +49,18 @@ def test_the_page_holds_all_of_it_and_asks_for_nothing_else(tmp_path):
     assert not re.search(r"""(?:src|href)=["'](?!data:)""", page)
     script = re.search(r"</script>\s*<script>(.*?)</script>", page, flags=re.DOTALL)[1]
     assert f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}" in page
+
+
+@pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+def test_the_last_time_of_the_scale_is_not_cut_off(tmp_path):
+    page = write_player(dataclasses.replace(TRIAL, times_s=[0.0, 14.0]), tmp_path / "x.html")
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(page, 1300, 900)
+        scale = "document.querySelector('.ticks .track')"
+        assert chromium.value(f"{scale}.lastElementChild.textContent") == "14 s"
+        edges = [f"{e}.getBoundingClientRect().right" for e in (scale, f"{scale}.lastElementChild")]
+        track, last = chromium.value(f"[{', '.join(edges)}]")
+        assert last <= track + 1
 
 
 def test_a_page_of_the_player_is_known_again(tmp_path):

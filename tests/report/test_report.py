@@ -358,6 +358,21 @@ def test_matrices_that_nothing_fills_are_one_line(tmp_path):
         assert page.count('<table class="matrix">') == sum(m.measured for m in matrices)
 
 
+def test_a_row_of_a_matrix_without_trials_says_so_once(tmp_path):
+    page = write_report([diagnosis([trial(task="morning_coffee", variation="T1")])], tmp_path).read_text()
+    assert "Not in this run: fruit_basket/O3, fruit_basket/O4, fruit_basket/O5." in page
+
+
+def test_each_threshold_has_its_unit(page):
+    for name, value in (
+        ("attempt height", "0.2 m"),
+        ("press force", "10 N"),
+        ("rest time", "0.25 s"),
+        ("returns", "3"),
+    ):
+        assert f'<th scope="row">{name}</th><td colspan="4">{value}</td>' in page
+
+
 def test_a_name_of_a_policy_is_not_broken_unless_it_is_long(runs, page, tmp_path):
     assert '<span class="policy">zoo:lexical</span>' in page
     style = page.partition("</style>")[0]

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 import trimesh
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+
+from chromium import COMMAND, browser
+
 from betterbench.browser.keys import MARK
 from betterbench.geometry import Pose
 from betterbench.review.desk import ReviewDesk
+from betterbench.review.panel import panel_head, queue_list
 from betterbench.review.queue import QueuedObject
 from betterbench.sim.assets.importing.importer import Wishes, import_mesh
 from betterbench.sim.assets.importing.review import ReviewJournal, ReviewState
@@ -124,3 +131,14 @@ def test_what_a_page_sends_and_cannot_be_read_is_one_line(page):
         assert page._desk.is_problem
     asyncio.run(page._typed(SimpleNamespace(target=SimpleNamespace(value=MARK + '{"taps": {"keep": 1}}'), client_id=5)))
     assert page._commands.get(timeout=5) == ("keep", None)
+
+
+@pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+def test_a_long_name_is_not_cut_off_at_the_edge_of_the_panel(tmp_path):
+    name = "a_mug_with_a_rather_long_file_name_for_a_narrow_panel.glb"
+    head = panel_head(name, None, [("size", "12.1 x 7.6 x 9.0 cm")], author="ada", index=0, judged=0, total=1)
+    page = tmp_path / "panel.html"
+    page.write_text(f"<body style='width:230px'>{head}{queue_list([name], [None], 0)}</body>", encoding="utf-8")
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(page, 600, 400)
+        assert chromium.value("Math.max(...[...document.querySelectorAll('div')].map(d => d.scrollWidth))") <= 230

@@ -6,6 +6,7 @@ are rejected. A content security policy prevents the page from loading anything 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hmac
 import http.server
@@ -125,6 +126,11 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     ) -> None:
         self._host, self._token, self._get, self._post, self._verb = host, token, get, post, verb
         super().__init__(*arguments)
+
+    def handle(self) -> None:
+        """Answer requests until the connection is closed. A browser resets its connections when a tab is closed."""
+        with contextlib.suppress(ConnectionError):
+            super().handle()
 
     def do_GET(self) -> None:
         """Send a page, an image or a state."""

@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -162,10 +162,13 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
             OUT.print(f"    {part}", markup=False, style="dim")
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
+def print_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None, whole: Collection[int] = ()
+) -> None:
     """Print a table with right-aligned numeric columns.
 
-    Brackets in cells are printed literally, not interpreted as rich styles.
+    Brackets in cells are printed literally, not interpreted as rich styles. On a narrow terminal, the cells of
+    the first column stay on one line, or those of the columns whose positions are in ``whole`` if it is given.
     """
     from rich.table import Table
     from rich.text import Text
@@ -175,7 +178,14 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
     for i, column in enumerate(columns):
         numbers = i > 0 and bool(rows) and all(NUMBER.fullmatch(row[i]) for row in rows)
         header = Text(_printable(column))
-        table.add_column(header, overflow="fold", no_wrap=i == 0, justify="right" if numbers else "left")
+        least = max(len(row[i]) for row in rows) if i in whole else None
+        table.add_column(
+            header,
+            overflow="fold",
+            no_wrap=not whole and i == 0,
+            min_width=least,
+            justify="right" if numbers else "left",
+        )
     for row in rows:
         table.add_row(*(Text(_printable(cell)) for cell in row))
     OUT.print(table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -77,7 +78,12 @@ def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
 
 
 def word_options(function: Callable[..., None]) -> None:
-    """Set the placeholders and default values that the help shows for a subcommand's options."""
+    """Set the texts, placeholders and default values that the help shows for a subcommand's options.
+
+    Lines of a text are joined, because tyro would break the text again at the line breaks of the docstring.
+    """
+    text, args, options = inspect.cleandoc(function.__doc__ or "").partition("\n\nArgs:\n")
+    function.__doc__ = text + args + re.sub(r"\n {8,}", " ", options)
     parameters = inspect.signature(function).parameters
     hints = function.__annotations__
     function.__annotations__ = hints | {
@@ -92,6 +98,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
             None,
             False,
             (),
+            "",
             inspect.Parameter.empty,
         )  # the description already states the default, or there is no value to show
         value = _value(name, bare, _marks(hint))

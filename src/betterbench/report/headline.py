@@ -380,12 +380,12 @@ def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str
     untold = untold_by(diagnosis.trials)
     if not ended:
         text = f"No variation was run, so its reasoning is unknown{untold and ': '}{untold}."
-        return text, "system", DESCRIBED
+        return text, Kind.UNFINISHED.value, DESCRIBED
     missing = f"no variation was run, so nothing is known beyond the training conditions{untold and ': '}{untold}"
     failed = [trial for trial in ended if _has_failed(trial)]
     main, wanted = main_failure(ended), grounds_of_training(diagnosis)
     if main is None:
-        return f"No failure found in {plural(len(ended), 'training trial')}; {missing}.", "system", wanted
+        return f"No failure found in {plural(len(ended), 'training trial')}; {missing}.", Kind.UNFINISHED.value, wanted
     claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(ended))
     weak_claim = claim_of_weak_training(training, diagnosis)
     before = f"It has not learned the training conditions ({training.count()} solved). " if weak_claim.supported else ""

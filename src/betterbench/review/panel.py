@@ -12,7 +12,7 @@ COLORS = {"accept": "#20bf6b", "fix": "#2e86de", "reject": "#eb3b5a", "": "#8395
 SIGNS = {"accept": "✔", "fix": "✎", "reject": "✘", "": "○"}
 QUEUE_ROWS = 9
 """Number of listed items of the queue: the current item and its neighbors."""
-_BOX = "padding:4px 10px;font-size:13px;line-height:1.45"
+_BOX = "padding:4px 10px;font-size:13px;line-height:1.45;overflow-wrap:break-word"
 
 
 def panel_head(
@@ -108,4 +108,4 @@ def queue_list(names: Sequence[str], verdicts: Sequence[Verdict | None], index: 
             f'<div style="padding:1px 4px;border-radius:3px;{style}">'
             f'<span style="color:{COLORS[kind]}">{SIGNS[kind]}</span>&ensp;{markup_text(name)}</div>'
         )
-    return f'<div style="padding:2px 10px;font-size:12px;line-height:1.4">{rows}</div>'
+    return f'<div style="padding:2px 10px;font-size:12px;line-height:1.4;overflow-wrap:break-word">{rows}</div>'

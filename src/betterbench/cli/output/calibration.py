@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from betterbench.cli.console import OUT, print_table, progress_bar, say
+from betterbench.cli.console import OUT, print_item, print_table, progress_bar, say
 from betterbench.diagnosis import Calibration, Judged
 from betterbench.diagnosis.measures.power_matrix import PowerMatrix
 from betterbench.errors import MissingDependencyError
@@ -38,7 +38,7 @@ def print_calibration(found: Calibration) -> None:
         ["true label", "kind", "found", "correct if assigned", "otherwise labeled as"], rows, title="calibration"
     )
     for j in found.wrong[:WRONG_SHOWN]:
-        OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}", markup=False)
+        print_item(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}")
     if len(found.wrong) > WRONG_SHOWN:
         OUT.print(f"  and {len(found.wrong) - WRONG_SHOWN} more on the page", markup=False)
     OUT.print(calibration_summary(found), markup=False)
@@ -77,7 +77,7 @@ def print_power(found: PowerMatrix) -> None:
     rows = [[cell.replace("`", "") for cell in row] for row in table.rows]
     print_table(list(table.columns), rows, title="power matrix: success, %")
     for sentence in power_sentences(found):
-        OUT.print(f"• {sentence}", markup=False)
+        print_item(f"• {sentence}")
 
 
 def _taken_for(found: Calibration, label: object) -> str:

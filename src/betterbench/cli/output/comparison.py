@@ -44,7 +44,8 @@ def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
         if len(names) == 2:
             row += _difference(group.contrasts[0])
         rows.append(row)
-    print_table(columns, rows, title=title)
+    rates = range(1, 1 + len(names)) if len(names) == 2 else ()  # a rate on two lines is hard to read
+    print_table(columns, rows, title=title, whole=rates)
 
 
 def _what(group: Group) -> str:

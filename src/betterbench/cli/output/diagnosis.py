@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections import Counter
 
-from betterbench.cli.console import OUT, passing_bar, print_table
+from betterbench.cli.console import OUT, passing_bar, print_item, print_table
 from betterbench.diagnosis import Metric, RunDiagnosis, diagnose_run
 from betterbench.diagnosis.changes import DiagnosisChanges, TrialChange
 from betterbench.diagnosis.stored import StoredMetric
@@ -44,9 +44,9 @@ def print_diagnosis(result: RunDiagnosis) -> None:
     beside = ("illusion_gap", "twin_success_rate", "paired_success_rate", "delta_sr")
     shown = [m for m in result.metrics if m.scope in ("overall", "training") or m.name in beside]
     shown = [m for m in shown if m.n and "/" not in m.scope]
-    print_table(["metric", "over", "value", "95 % interval", "k/n"], [_metric_row(m) for m in shown])
+    print_table(["metric", "over", "value, %", "95 % interval", "k/n"], [_metric_row(m) for m in shown])
     for finding in result.findings:
-        OUT.print(f"• {finding}", markup=False)
+        print_item(f"• {finding}")
     for note in result.notes:
         OUT.print(f"  {note}", markup=False, style="dim")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from betterbench.cli.console import OUT, print_table
+from betterbench.cli.console import OUT, print_item, print_table
 from betterbench.diagnosis.measures.standing import Standing
 from betterbench.report.pages.pretenders import scope_columns, score_rows
 from betterbench.tasks import Axis
@@ -44,7 +44,7 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
         prefix = "" if len(policies) == 1 else f"{policy}: "
         for sentence in standing.sentences():
             if sentence != standing.notice:
-                OUT.print(f"• {prefix}{sentence}", markup=False)
+                print_item(f"• {prefix}{sentence}")
     for notice in dict.fromkeys(s.notice for s in standings if s.notice):
         OUT.print(f"  {notice}", markup=False, style="dim")
 

@@ -183,6 +183,7 @@ def evaluate_command(
         explain_power: Print in detail which drops in success the trials can show.
         json: Print one JSON document at the end.
     """
+    from betterbench.policies.kinds import read_address
     from betterbench.sim.worlds import world_of_suite
 
     if engine == "local":
@@ -198,6 +199,7 @@ def evaluate_command(
             say(line)
     else:
         plan = _plan(policy, from_run, chosen, arm, allow_other_versions=allow_other_versions, trust=trust)
+        read_address(plan.policy)  # report a mistyped policy before any statement about the plan
         if not uncertified:
             _require_certified(plan, certificate)
         out = out or Path("runs") / default_folder(plan.policy)

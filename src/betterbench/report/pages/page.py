@@ -34,6 +34,7 @@ from betterbench.report.task_views import task_views
 from betterbench.report.wording import THIN, Figure
 from betterbench.statistics.wording import p_text
 from betterbench.tasks.labels import Kind
+from betterbench.tasks.thresholds import threshold_table
 from betterbench.vqa.knowing import Knowledge
 from betterbench.wording import listed, plural
 
@@ -219,7 +220,7 @@ def render_page(
         axes=AXIS_NAMES,
         exports=exports,
         latex=latex,
-        thresholds=_settings([{k: f"{v:g}" for k, v in d.thresholds.items()} for d in diagnoses]),
+        thresholds=_settings([_thresholds(d) for d in diagnoses]),
         versions=_settings([d.versions for d in diagnoses]),
         warnings=_warnings(diagnoses),
         decided=[(d.policy, note) for d in diagnoses if d.until_decided for note in d.until_decided.notes()],
@@ -431,12 +432,18 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
     return tuple(settings)
 
 
+def _thresholds(diagnosis: RunDiagnosis) -> dict[str, str]:
+    """Return the thresholds of a diagnosis with their units."""
+    units = {entry.name: f" {entry.unit}" for entry in threshold_table() if entry.unit != "1"}
+    return {name: f"{value:g}{units.get(name, '')}" for name, value in diagnosis.thresholds.items()}
+
+
 def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
     """Return the reasons why the runs are difficult to compare, one sentence each."""
     warnings = []
     for what, values in (
         ("versions", [d.versions for d in diagnoses]),
-        ("thresholds", [{k: f"{v:g}" for k, v in d.thresholds.items()} for d in diagnoses]),
+        ("thresholds", [_thresholds(d) for d in diagnoses]),
     ):
         mixed = [setting.name for setting in _settings(values) if setting.mixed]
         if mixed:

@@ -145,7 +145,8 @@
     const [name, family] = label(t);
     const outcome = make("span", "cell outcome");
     outcome.append(swatch(family), make("span", "", name));
-    const first = t.first === null ? "no attempt at an object" : `first grasp ${t.first}`;
+    const none = "reasoning" in data.kinds ? "no attempt at an object" : ""; // else attempts are not judged
+    const first = t.first === null ? none : `first grasp ${t.first}`;
     const asked = t.intended === null ? "" : `, asked ${t.intended}`;
     const said = t.kind === "right" ? first + asked : t.why;
     button.append(make("span", "arrow", "›"));

@@ -90,6 +90,7 @@
   for (let s = 0; s <= seconds; s += step) {
     const tick = make("span", "", `${s} s`);
     tick.style.left = `${(100 * s) / seconds}%`;
+    if (s > 0.97 * seconds) tick.className = "last"; // else it ends beyond the page
     scale.append(tick);
   }
   ticks.append(make("div", "name", "time"), scale);
