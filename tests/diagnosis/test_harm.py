@@ -137,6 +137,22 @@ def test_an_open_gripper_that_comes_down_over_a_thing_and_stays_there_interferes
     assert found.evidence.rule == "approach_to_what_is_to_be_left_alone"
 
 
+@pytest.mark.parametrize("before", [True, False])
+def test_staying_over_the_block_interferes_although_the_orange_is_packed(stage, before):
+    s = stage("fruit_lunch", "O1")
+    x, y, z = s.positions[s.of("red block")]
+    if not before:
+        s.bring(s.of("orange"), s.goal(1))
+    s.over(np.array([x, y])).go(x, y, z + 0.05).wait(1.0)
+    if before:
+        s.bring(s.of("orange"), s.goal(1))
+    record = s.home().end()
+    assert agrees(record)
+    assert not record.outcome.success
+    found = diagnose_record(record)
+    assert (found.label, found.evidence.rule) == (Label.BEHAVIORAL_INERTIA, "approach_to_what_is_to_be_left_alone")
+
+
 @pytest.mark.parametrize("part", ["arm", "hand", "left_finger"])
 @pytest.mark.parametrize("kind", ["coffee machine", "red mug"])
 def test_whatever_part_of_the_robot_touches_what_is_to_be_left_alone_has_collided(stage, part, kind):

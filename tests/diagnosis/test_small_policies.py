@@ -16,7 +16,7 @@ from small_policies import RATE_S, closing_at, go_down, play, rise_and_open
 from betterbench.diagnosis import Label, diagnose_record, offline_truth
 from betterbench.diagnosis.modes import MODES
 from betterbench.geometry import Pose, angle_between, from_yaw, multiply
-from betterbench.policies.experts.motion import FREE, close_gripper, follow, hold
+from betterbench.policies.experts.motion import APPROACH, FREE, close_gripper, follow, hold
 from betterbench.tasks.interventions.resolve import resolve_condition
 
 pytestmark = pytest.mark.physics
@@ -136,3 +136,23 @@ def puts_turned(name, region, turn, beyond=0.0):
 def test_a_place_that_is_met_badly_is_told_from_the_right_one_met_badly(region, beyond, verdict):
     found = diagnose_record(play("desk_meeting", "R1", puts_turned("mouse", region, 0.8, beyond)))
     assert (found.label, found.evidence.rule) == verdict
+
+
+def test_half_open_fingers_that_press_on_a_look_alike_and_close_later_are_an_attempt():
+    def act(_, state):
+        x, y, _ = state.pose("round_block").position
+        state = yield from go_down(state, x, y, 0.12)
+        while state.finger_width_m > 0.05:
+            state = yield from hold(state, 1, gripper=1.0)
+        down = state.commanded_pose.translated(z=-0.06)
+        state = yield from follow(state, (down,), gripper=0.0, pace=APPROACH, period_s=RATE_S)
+        state = yield from hold(state, 20, gripper=0.0)
+        state = yield from hold(state, 24, gripper=1.0)
+        state = yield from rise_and_open(state)
+        x, y, _ = state.pose("burger_2").position
+        state = yield from go_down(state, x, y, 0.03)
+        state = yield from close_gripper(state)
+        return (yield from rise_and_open(state))
+
+    found = diagnose_record(play("fast_food", "O1", act))
+    assert (found.label, found.first_attempt) == (Label.SEMANTIC_FEATURE_COLLAPSE, "round_block")

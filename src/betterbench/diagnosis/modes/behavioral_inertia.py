@@ -104,8 +104,11 @@ def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
 
 
 def _approach(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the gripper stays open over an object that must not be touched, or closes while passing it."""
-    if not episode.off_limits or episode.steps:
+    """Return evidence if the gripper stays open over an object that must not be touched, or closes while passing it.
+
+    If an attempt was wrong, the attempt is the evidence.
+    """
+    if not episode.off_limits or any(step.target is not AttemptTarget.ASKED for step in episode.steps):
         return None
     found, does = first_closing_in_motion(episode.trace, episode.off_limits), "closes on its way over the {}"
     if found is None:

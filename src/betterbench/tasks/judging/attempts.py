@@ -245,7 +245,7 @@ def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
 
 
 def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAttempt | None:
-    start = part[0]
+    start = _begin(motion, part)
     before, travel = start - 1, _finger_travel(motion, start, stop)
     if travel is None:
         return None
@@ -261,6 +261,21 @@ def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAtte
     if _unresolved(motion, start, limit) or _taken_back(motion, part):
         return None
     return _air_grasp(motion, before, settled, stop)
+
+
+def _begin(motion: Motion, part: tuple[int, int]) -> int:
+    """Return the row where the gripper begins to close.
+
+    If the fingers are kept half open and press on an object, this counts as closing, but they may close much later.
+    """
+    start, stop = part
+    width = motion.width[start - 1 : stop]
+    closed = np.flatnonzero(width <= width[0] - THRESHOLDS.finger_travel)
+    if closed.size == 0 or closed[0] <= motion.steps(THRESHOLDS.attempt_window):
+        return start
+    later = start + int(np.flatnonzero(width[: closed[0]] >= width[0] - TREMBLE)[-1])
+    slips = motion.held[later - 1] >= 0
+    return start if slips or _finger_travel(motion, later, stop) is None else later
 
 
 def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
