@@ -47,7 +47,9 @@ def test_every_planned_trial_appears_in_plan_order(run):
     assert labels == [Label.SUCCESS, Label.BEHAVIORAL_INERTIA, Label.POLICY_ERROR, Label.UNFINISHED]
     assert "the server went away" in found.trials[2].evidence.text
     assert found.trials[0].record == "records/fast_food/train1/0.parquet"
-    assert any("1 planned trial has no record and counts as policy_error" in n and "fast_food/L1/0" in n for n in found.notes)
+    assert any(
+        "1 planned trial has no record and counts as policy_error" in n and "fast_food/L1/0" in n for n in found.notes
+    )
     rate = found.metric("success_rate", "overall")
     assert (rate.k, rate.n) == (0, 3)  # a trial without a record stays in the denominator
     assert found.metric("intention_accuracy", "fast_food").n == 3
