@@ -156,3 +156,16 @@ def test_half_open_fingers_that_press_on_a_look_alike_and_close_later_are_an_att
 
     found = diagnose_record(play("fast_food", "O1", act))
     assert (found.label, found.first_attempt) == (Label.SEMANTIC_FEATURE_COLLAPSE, "round_block")
+
+
+@pytest.mark.parametrize("height_m", [0.11, 0.12])
+def test_a_closing_too_high_over_an_object_is_at_the_object_and_not_at_an_empty_slot(height_m):
+    """The gripper is 6 cm above the object's top at 0.11 m, and farther away at 0.12 m."""
+
+    def closes_over(name):
+        return lambda scene, state: closing_at(*state.pose(name).position[:2], height_m)(scene, state)
+
+    found = diagnose_record(play("fast_food", "O1", closes_over("round_block")))
+    assert (found.label, found.first_slot) == (Label.SEMANTIC_FEATURE_COLLAPSE, "first")
+    found = diagnose_record(play("fast_food", "L1", closes_over("burger_2")))
+    assert (found.evidence.rule, found.intention_correct) == ("missed_by_pose", True)

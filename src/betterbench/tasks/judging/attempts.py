@@ -365,18 +365,19 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     tool = motion.tool[settled]
     centers = motion.center_distances(before, tool)
     reach = in_reach(motion.box_distances(before, tool), centers)
-    within = [
-        (float(centers[i]), i)
-        for i in motion.items
-        if not motion.there[before, i] and motion.on_table(before, i) and reach[i]
-    ]
+    standing = [i for i in motion.items if not motion.there[before, i] and motion.on_table(before, i)]
+    within = [(float(centers[i]), i) for i in standing if reach[i]]
     aim = min(within)[1] if within else None
     slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
     # A gripper that closes higher up, during a motion, cannot reach any object of the suite.
     if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
         slot = motion.emptied_slot(before, tool) if aim is None else None
-        slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
+        if slot is None:
+            slot = motion.slot_near(tool, THRESHOLDS.slot_reach)
+            below = [(float(centers[i]), i) for i in standing if centers[i] <= THRESHOLDS.slot_reach]
+            if aim is None and slot is not None and below:  # too high, over an object: the slot is not empty
+                aim = min(below)[1]
     if aim is None and slot is None:
         return None
     return GraspAttempt(before, settled, stop, None, aim, slot, secured=False)
