@@ -72,6 +72,18 @@ def test_the_plan_of_a_file_is_that_of_its_options(run_file, tmp_path, monkeypat
     assert str(run.path) in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize("in_file", [True, False])
+def test_a_tilde_is_the_home_folder_where_the_shell_does_not_replace_it(run_file, tmp_path, monkeypatch, in_file):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    started = lambda plan, out, **_: RunFolder.start(out, plan.to_json())  # noqa: E731
+    monkeypatch.setattr("betterbench.cli.verbs.evaluate.run_with_bar", started)
+    path = run_file("policy: noop\ntasks: [fast_food]\ntrials: 1\n" + ("out: ~/run\n" if in_file else ""))
+    assert main(["eval", "--run-file", str(path), *([] if in_file else ["--out=~/run"])]) == 0
+    assert RunFolder.open(tmp_path / "home/run").plan["policy"] == "noop"
+    assert not (tmp_path / "~").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [

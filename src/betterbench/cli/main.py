@@ -203,7 +203,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _require_out(given)
             name, verb, rest = _chosen(given)
             function = verb.load(telling)
-            words = verb.words(rest)
+            words = [_at_home(word) for word in verb.words(rest)]
             tyro.cli(function, prog=f"better {name}", description=description_of(function), args=words)
         elif given and not given[0].startswith("-"):
             raise UnknownNameError("verb", given[0], VERBS)  # noqa: TRY301
@@ -241,6 +241,15 @@ def _require_out(given: Sequence[str]) -> None:
             "the folder name is empty",
             "Pass the name of a folder, and check that every shell variable in it is set",
         )
+
+
+def _at_home(word: str) -> str:
+    """Replace "~" by the home folder where the shell does not, as in ``--out=~/runs`` or in a run file."""
+    option, _, path = word.partition("=") if word.startswith("--") else ("", "", word)
+    if not path.startswith("~/"):
+        return word
+    path = str(Path(path).expanduser())
+    return f"{option}={path}" if option else path
 
 
 def every_command() -> dict[str, Verb]:
