@@ -147,8 +147,8 @@ class UnknownNameError(BetterError):
             same = kind
             kind, name, known = same.kind, same.name, same.known
         names = sorted(known)
-        # Truncate the name: matching takes quadratic time in its length, and it may come from an untrusted file.
         alike = [other for other in names if other.casefold() == name.strip().casefold()]
+        # Truncate the name: matching takes quadratic time in its length, and it may come from an untrusted file.
         close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
         close = [*alike, *(other for other in close if other not in alike)][:3]
         hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""

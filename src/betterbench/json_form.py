@@ -17,7 +17,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +27,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
 from betterbench.errors import BetterError, InvalidInputError, encodable, one_line
-from betterbench.ordinary_file import NotOrdinaryError, open_ordinary
+from betterbench.ordinary_file import NotOrdinaryError, open_ordinary, read_ordinary
 
 logger = logging.getLogger(__name__)
 
@@ -339,11 +338,9 @@ def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterEr
         BetterError: An error of the class ``raises``, if the file is missing, not a regular file, too large, or cannot
             be read.
     """
-    problem, cause = f"is larger than {max_bytes} bytes", None
+    cause: Exception | None = None
     try:
-        with open_ordinary(path) as stream:
-            if os.fstat(stream.fileno()).st_size <= max_bytes:
-                return stream.read()
+        return read_ordinary(path, max_bytes=max_bytes)
     except NotOrdinaryError as error:
         problem = str(error.strerror)
     except (OSError, ValueError) as error:  # ValueError: a name with a null character

@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 
 MOST_BYTES = 1 << 30
-"""Maximum size of a file that :func:`read_ordinary` reads [byte]."""
+"""Default of the maximum size of a file that :func:`read_ordinary` reads [byte]."""
 
 
 class NotOrdinaryError(OSError):
@@ -39,9 +39,12 @@ def open_ordinary(path: Path) -> io.BufferedReader:
     raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
 
 
-def read_ordinary(path: Path) -> bytes:
-    """Return the content of a file of at most :data:`MOST_BYTES`. Raises the same errors as :func:`open_ordinary`."""
+def read_ordinary(path: Path, *, max_bytes: int = MOST_BYTES) -> bytes:
+    """Return the content of a file, up to a size limit.
+
+    Raises the same errors as :func:`open_ordinary`, and NotOrdinaryError if the file is too large.
+    """
     with open_ordinary(path) as file:
-        if os.fstat(file.fileno()).st_size > MOST_BYTES:
-            raise NotOrdinaryError(errno.EINVAL, f"is larger than {MOST_BYTES} bytes", str(path))
+        if os.fstat(file.fileno()).st_size > max_bytes:
+            raise NotOrdinaryError(errno.EINVAL, f"is larger than {max_bytes} bytes", str(path))
         return file.read()

@@ -136,30 +136,29 @@ def _reduced_enough(vertices: np.ndarray, faces: np.ndarray, where: str) -> tupl
     size = float(np.ptp(vertices, axis=0).max())
     before = spread_points(vertices, faces, size / 120.0, most=_MOST_POINTS)
     of_before: cKDTree | None = None
-    is_lost = False
+    lossy: cKDTree | None = None  # points of the reduced surface, if parts are lost
     for budget in (FACE_BUDGET, THIN_FACE_BUDGET):
         points, triangles = reduced(vertices, faces, budget)
         if len(triangles) == len(faces):
             return points, triangles
         after = spread_points(points, triangles, size / 120.0, most=_MOST_POINTS)
         of_after = _tree_of(after)
-        is_lost = _is_lost(before, of_after, size)
-        if not is_lost:
+        lossy = of_after if _is_lost(before, of_after, size) else None
+        if lossy is None:
             of_before = of_before or _tree_of(before)
             dent = max(_farthest(before, of_after), _farthest(after, of_before))
             if dent - size / 240.0 <= DENT_SHARE * size:  # subtract half the spacing of the sampled points
                 return points, triangles
-    if is_lost:
+    if lossy is not None:
         for budget in (THIN_FACE_BUDGET, WIRES_FACE_BUDGET):
             whole = _reduced_parts(vertices, faces, budget)
             if whole is None:
                 continue
             points, triangles = whole
-            after = spread_points(points, triangles, size / 120.0, most=_MOST_POINTS)
-            if not _is_lost(before, _tree_of(after), size):
+            lossy = _tree_of(spread_points(points, triangles, size / 120.0, most=_MOST_POINTS))
+            if not _is_lost(before, lossy, size):
                 break
-        after = spread_points(points, triangles, size / 120.0, most=_MOST_POINTS)
-        lost = float(np.mean(_tree_of(after).query(before)[0] > LOST_SHARE * size))
+        lost = float(np.mean(lossy.query(before)[0] > LOST_SHARE * size))
         if lost > MOST_LOST:
             problem = (
                 f"it has too many parts: of its {len(faces):,} triangles, {WIRES_FACE_BUDGET:,} may be kept, and "
